@@ -1,6 +1,6 @@
-"""Campaigns, whose cells become runs and whose runs become Ray actors; no other package uses Ray.
+"""Planning, scheduling and execution of campaigns with Ray, which no other package uses.
 
-What is listed here is imported when it is first asked for: looking at a root needs none of it.
+Names are imported on first use, since reading a results root needs none of them.
 """
 
 from typing import TYPE_CHECKING

@@ -39,7 +39,7 @@ SpeedKey = tuple[Any, ...]
 """Properties of a run that determine its speed: environment with options and files, and student."""
 
 DEFAULT_BODY: Final = "classic_bipedal"  # body whose row is used for bodies that the table lacks
-REFERENCE_ROUNDS: Final = 247.0  # `machine_speed` of the table's machine
+REFERENCE_ROUNDS: Final = 247.0  # `machine_speed` of the machine on which the table was measured
 
 LEARNER_SPEEDS: Final = {
     ("ppo", "cpu", "highest"): 11_000.0,
@@ -79,7 +79,7 @@ while (spent := time.process_time() - began) < float(sys.argv[1]):
     rounds += 1
 print(rounds / spent)
 """
-"""Script of `machine_speed`: layers of a network, and interpreted steps."""
+"""Script of `machine_speed`, which runs network layers and interpreted Python loops."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ class Throughput:
 
     Attributes:
         label: student, environment and body.
-        training: environment steps per second of training, of a player without waits in a cohort.
+        training: environment steps per second in training; in a cohort, those of a player that never waits.
         playing: environment steps per second of an evaluation.
         transition_bytes: size of one transition in a replay buffer.
         learner: environment steps per second that a full cohort's learner sustains; 0 without a cohort.
@@ -102,11 +102,11 @@ class Throughput:
 
 
 SpeedFinder = Callable[[Mapping[SpeedKey, RunSpec], ExecutionConfig, int], Mapping[SpeedKey, Throughput]]
-"""Function that returns speeds for an example of each kind of run, a configuration and the runs at once."""
+"""Function of example runs by kind, configuration and number of concurrent runs; returns speeds by kind."""
 
 
 def speed_key(spec: RunSpec) -> SpeedKey:
-    """Return those properties of a run that determine its speed."""
+    """Return the properties of a run that determine its speed."""
     options, inputs = sorted(spec.environment_options.items()), sorted(spec.inputs.items())
     return spec.environment, repr(options), repr(inputs), spec.student
 
@@ -150,13 +150,13 @@ def measured_speeds(
     config: ExecutionConfig,
     at_once: int = 1,  # noqa: ARG001  # as of a `SpeedFinder`
 ) -> dict[SpeedKey, Throughput]:
-    """Benchmark each kind of run on this machine, with the speeds of cohorts from `LEARNER_SPEEDS`.
+    """Measure the speed of each kind of run on this machine; speeds in cohorts come from `LEARNER_SPEEDS`.
 
     Each takes a few seconds, or half a minute if kernels must be compiled. A separate process measures, so
     that this one loads neither torch nor a GPU.
 
     Raises:
-        ValueError: if a run fails; the message has the end of its error.
+        ValueError: if a run fails; the message has the last line of its error.
     """
     if not examples:
         return {}
@@ -250,7 +250,7 @@ def measure(spec: RunSpec, config: ExecutionConfig) -> Throughput:
 
 @cache
 def _table() -> Mapping[tuple[str, str], Throughput]:
-    """Return the students' shipped speeds on one core, by student and body."""
+    """Return the packaged table of speeds on one core, by student and body."""
     text = resources.files("tma_ray.campaign").joinpath("speeds.csv").read_text()
     return {
         (row["student"], row["embodiment"]): Throughput(
@@ -282,7 +282,7 @@ EVALUATION_BYTES, PROBE_BYTES, STEP_BYTES = 12, 8, 0.04
 """Size on disk of each played test task, each probed task and each training step."""
 
 PROCESS_BYTES, PLAYER_BYTES = 0.9 * GIB, 0.5 * GIB
-"""Memory of a run's processes without a replay buffer, alone with its teacher, and in a cohort (measured)."""
+"""Memory of a run and its teacher, and of a run in a cohort, without replay buffers, bytes (measured)."""
 
 NETWORK_BYTES = 5e6  # size of a run's two checkpoints without a replay buffer (measured)
 
@@ -305,7 +305,7 @@ class Cost:
         core_hours: core time, including learners, h.
         gpu_hours: GPU time, h.
         wall_hours: wall time on the nodes, h.
-        how: phrase that names the runs or cohorts at once and the nodes.
+        how: phrase on the number of concurrent runs or cohorts, and on the nodes.
         bound: bottleneck of cohorts; None if runs learn alone.
         at_once: number of runs that the nodes hold at once.
         disk_gib: size of all results, GiB.
@@ -356,13 +356,13 @@ def estimate(
     find_speeds: SpeedFinder | None = None,
     nodes: Nodes | None = None,
 ) -> Cost:
-    """Return the estimated cost of `plan`, neglecting the milliseconds that teachers take.
+    """Return the estimated cost of `plan`, neglecting the teachers' computing time.
 
     Args:
         plan: runs to estimate.
         config: configuration of their execution.
-        speeds: speeds of another `Cost`, to reuse.
-        find_speeds: source of other speeds, by default `known_speeds`.
+        speeds: known speeds, such as those of another `Cost`.
+        find_speeds: function that returns the other speeds, by default `known_speeds`.
         nodes: nodes that execute the plan at the speed of this machine; None for this machine.
     """
     nodes = nodes or this_machine()
@@ -424,7 +424,7 @@ def estimate(
 
 
 def _learners_and_cores(config: ExecutionConfig, nodes: Nodes, runs: int) -> tuple[int, float]:
-    """Return the number of cohorts that `nodes` hold and the runs need, and the cores left to players."""
+    """Return the number of cohorts for `runs` runs that fit on `nodes`, and the cores left to players."""
     player = config.player.cpus
     learners, free = 0, 0.0
     for node in nodes.resources:
@@ -440,7 +440,7 @@ def _learners_and_cores(config: ExecutionConfig, nodes: Nodes, runs: int) -> tup
 def quote(
     plan: Plan, results: str, config: ExecutionConfig, nodes: Nodes | None, *, whole: bool
 ) -> tuple[Cost | None, Cost | None]:
-    """Return the cost of the whole plan (only if `whole`) and its `long_cost`, at the same speeds."""
+    """Return the cost of the plan, or None unless `whole`, and its `long_cost`, at the same speeds."""
     cost = estimate(plan, config, nodes=nodes) if whole else None
     return cost, long_cost(plan, results, config, cost.throughputs if cost else None, nodes)
 
@@ -452,7 +452,7 @@ def long_cost(
     speeds: Mapping[SpeedKey, Throughput] | None = None,
     nodes: Nodes | None = None,
 ) -> Cost | None:
-    """Return the cost of a plan's runs that `results` lacks, or None if they take at most an hour here.
+    """Return the cost of the plan's runs missing in `results`, or None if they take at most an hour here.
 
     See `estimate` for `speeds` and `nodes`.
 

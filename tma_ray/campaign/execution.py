@@ -52,9 +52,9 @@ def execute_plan(
     address: str | None = None,
     view: ProgressDisplay | None = None,
 ) -> Snapshot:
-    """Execute the runs of `plan` that a results root lacks, and return the number of runs by outcome.
+    """Execute the runs of `plan` missing in a results root, and return the number of runs by outcome.
 
-    Invalid input is refused before the first step. Without an address, a Ray is started on this machine.
+    Invalid input is refused before the first step. Without an address, Ray is started on this machine.
 
     Raises:
         ValueError: if a name is unknown, knowledge is missing, or no node has the resources.
@@ -103,7 +103,7 @@ def execute_plan(
                 lease.release()
 
             stop = stack.enter_context(stop_signals())
-            if connection.is_own:  # an existing cluster may come back
+            if connection.is_own:  # the head of an existing cluster may come back
                 watch = exit_on_head_loss(head, plan.name, BEGUN, grace=GRACE_SECONDS, conclude=conclude)
                 stack.enter_context(watch)
             return scheduler.execute(plan.runs, lambda: stop.is_set() or lease.asked_to_stop())
@@ -142,7 +142,7 @@ def check_installation() -> None:
 
 
 def _submit(node: str, task: Any, *arguments: Any) -> Any:
-    """Return the future of a task on the node with a Ray id, or on another node if that one is gone."""
+    """Submit a task to the node with Ray id `node`, or to another if it is gone; return the future."""
     strategy = NodeAffinitySchedulingStrategy(node, soft=True)
     return task.options(scheduling_strategy=strategy).remote(*arguments)
 
@@ -152,7 +152,7 @@ def _cause(error: RayError) -> Exception:
 
 
 def check_feasible(resources: Resources) -> None:
-    """Check that some node can hold a run, since Ray would otherwise queue the run forever.
+    """Check that some node has the resources of a run; without one, Ray would queue the run forever.
 
     Raises:
         ValueError: if a run needs more than any node has.
@@ -213,7 +213,7 @@ def can_access(store: Store, probe: str | None) -> bool:
 
 
 _tried: set[tuple[str, object]] = set()
-"""Nodes with the environments that this process has tried there."""
+"""Pairs of node id and environment that this process has tried."""
 
 
 def warm_nodes(specs: Sequence[RunSpec], shipped: bool = True) -> None:
@@ -248,7 +248,7 @@ def warm_nodes(specs: Sequence[RunSpec], shipped: bool = True) -> None:
     for (node, recipe), spec in due.items():
         if (node, recipe) not in _tried:
             tasks[node].append(spec.to_dict())
-    # One call per process, since processes keep imported plug-ins; one per node, as they start slowly.
+    # Use a new process, since imported plug-ins would stay, but one per node, since processes start slowly.
     task, files = ray.remote(max_calls=1, num_cpus=0)(_try_all), contents(specs)
     try:
         ray.get([_submit(node, task, planned, files) for node, planned in tasks.items()])

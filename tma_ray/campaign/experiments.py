@@ -22,10 +22,10 @@ def execute_experiment(experiment: Experiment, options: ExperimentOptions) -> in
 
 
 def experiment_plan(experiment: Experiment, options: ExperimentOptions) -> Plan:
-    """Return the runs of the selected part of `experiment`.
+    """Return the plan of the selected part of `experiment`.
 
-    Stage, challenges, bodies and levels select; students replace the experiment's, and so do teachers if it
-    leaves them open. Seeds are indices into each matrix's seeds.
+    Stage, challenges, bodies and levels narrow the experiment. Students replace its own, as do teachers where
+    it leaves them open. Seeds are indices into each matrix's seeds.
 
     Raises:
         ValueError: if a name is unknown, or nothing is left to run.
@@ -52,7 +52,7 @@ def experiment_plan(experiment: Experiment, options: ExperimentOptions) -> Plan:
 
 
 def exclusions(experiment: Experiment, options: ExperimentOptions) -> list[str]:
-    """Return the reasons why the tier leaves out bodies that the options select."""
+    """Return the tier's reasons for leaving out selected bodies."""
     reasons = experiment.size_at(options.tier).excluded_bodies
     bodies = {body for matrix in selected_matrices(experiment, options) for body in matrix.embodiments}
     return [reason for body, reason in reasons.items() if body in bodies & set(options.embodiments or bodies)]
@@ -62,14 +62,14 @@ def selected_matrices(experiment: Experiment, options: ExperimentOptions) -> tup
     """Return the matrices of the chosen stage and challenges.
 
     Raises:
-        ValueError: a stage or challenge that the experiment does not have.
+        ValueError: if the experiment lacks the stage or a challenge.
     """
     matrices = experiment.stage(options.stage)
     return select(matrices, options.challenges) if options.challenges else matrices
 
 
 def chosen_matrices(experiment: Experiment, size: Size, options: ExperimentOptions) -> tuple[Matrix, ...]:
-    """Return the experiment's matrices at a size, narrowed by the options.
+    """Return the experiment's matrices at the size of a tier, narrowed by the options.
 
     Raises:
         ValueError: if none has a selected stage, challenge, body, level or seed, or the size excludes a body.

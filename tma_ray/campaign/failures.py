@@ -15,7 +15,7 @@ from tma_ray.runs.spec import RunSpec
 
 
 class HeadLostError(RuntimeError):
-    """Ray's head died, was stopped, or has not answered for as long as Ray waits for it."""
+    """Ray's head died, was stopped, or was silent for too long."""
 
 
 Arguments = ParamSpec("Arguments")
@@ -82,7 +82,7 @@ class Retries:
         self._most_losses = most_losses
         self._clock = clock
         self._lost_on: dict[str, list[str]] = {}
-        """Node of each loss of a run, empty where it is unknown."""
+        """Nodes on which each run was lost, by run id; "" if unknown."""
         self._pausing: list[tuple[float, RunSpec]] = []
 
     def __len__(self) -> int:
@@ -94,7 +94,7 @@ class Retries:
         return [spec for _, spec in self._pausing]
 
     def add_loss(self, spec: RunSpec, node: str) -> bool:
-        """Add a run that was lost on `node` (empty if unknown), or return False if the run is given up."""
+        """Schedule a new attempt at a run lost on `node` ("" if unknown), or return False after too many."""
         self._lost_on.setdefault(spec.run_id, []).append(node)
         losses = self.losses(spec.run_id)
         if losses > self._most_losses:
@@ -110,7 +110,7 @@ class Retries:
         return due
 
     def losses(self, run_id: str) -> int:
-        """Return how often a run was lost."""
+        """Return the number of losses of a run."""
         return len(self._lost_on.get(run_id, ()))
 
     def nodes_to_avoid(self, run_id: str) -> tuple[str, ...]:
@@ -118,14 +118,14 @@ class Retries:
         return tuple(dict.fromkeys(node for node in self._lost_on.get(run_id, ()) if node))
 
 
-LOG_SECONDS = 60.0  # time between two messages, s
+LOG_SECONDS = 60.0  # time between two log messages, s
 MOST_NAMED_RUNS = 3  # largest number of runs that a message names
 
 logger = logging.getLogger(__name__)
 
 
 class SilentRuns:
-    """Runs that do not answer and are given up after `most_seconds`."""
+    """Tracker of runs that do not answer, which count as lost after `most_seconds`."""
 
     def __init__(self, most_seconds: float, clock: Callable[[], float] = time.monotonic) -> None:
         self._most_seconds = most_seconds
@@ -161,10 +161,10 @@ class SilentRuns:
 
 @contextmanager
 def stop_signals() -> Iterator[threading.Event]:
-    """Context manager of an event that a first SIGINT or SIGTERM sets; a second raises KeyboardInterrupt.
+    """Context manager that yields an event set by SIGINT or SIGTERM; a second signal interrupts.
 
-    Enter it after `ray.init`, which installs its own handlers. It does nothing outside the main thread,
-    where Python cannot handle signals.
+    The second signal raises KeyboardInterrupt. Enter it after `ray.init`, which installs its own handlers. It
+    does nothing outside the main thread, where Python cannot handle signals.
     """
     requested = threading.Event()
 

@@ -42,7 +42,7 @@ from tma_ray.tasks import KnowledgeLevel
 
 MAX_SEEDS = 100_000  # largest number of seeds that an option may name
 OFF = "off"  # value of ``--cohort`` for runs that learn alone
-SCHEDULE = tuple(field.name for field in fields(Schedule))  # attributes set by the schedule's options
+SCHEDULE = tuple(field.name for field in fields(Schedule))  # attributes of `Schedule` with an option
 
 
 def names(text: str) -> tuple[str, ...]:
@@ -54,12 +54,12 @@ def names(text: str) -> tuple[str, ...]:
 
 
 def bodies(text: str) -> tuple[str, ...]:
-    """Parse comma-separated names of bodies; an empty name stands for an environment without bodies."""
+    """Parse comma-separated names of bodies, where "" stands for no body."""
     return tuple(name.strip() for name in text.split(","))
 
 
 def parse_assignment(text: str) -> tuple[str, str]:
-    """Return the name and value in NAME=VALUE.
+    """Parse NAME=VALUE into a name and a value.
 
     Examples:
         >>> parse_assignment("swinging_creepers=true")
@@ -143,20 +143,20 @@ def parse_levels(names: Sequence[str]) -> tuple[KnowledgeLevel, ...]:
 
 
 def parse_device(text: str) -> str:
-    """Parse torch's name of a device, present on this machine or not."""
+    """Check the name of a torch device, which this machine need not have, and return it."""
     check_device(text)
     return text
 
 
 def parse_results(text: str) -> str:
-    """Parse the folder or address of a results root to write to, existing or not."""
+    """Check the folder or address of a results root to write to, and return it."""
     if "://" not in root(text):
         Store.open(text).check_location()
     return text
 
 
 def parse_source(text: str) -> str:
-    """Parse the folder or address of an existing results root or release to read."""
+    """Check the folder or address of an existing results root or release, and return it."""
     try:
         check_root(Store.open(root(text)))
     except OSError as error:
@@ -165,7 +165,7 @@ def parse_source(text: str) -> str:
 
 
 def parse_address(text: str) -> str:
-    """Parse the address of a Ray cluster, reachable or not."""
+    """Check the address of a Ray cluster, which need not be reachable, and return it."""
     host_and_port(text)
     return text
 
@@ -210,7 +210,7 @@ Yes = Annotated[
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class ScheduleOptions:
-    """Options of the schedule, where None stands for the run's default.
+    """Options of the schedule; None keeps the default.
 
     Attributes:
         steps: training budget of each run, in environment steps
@@ -295,7 +295,7 @@ class RunOptions(CellOptions, ScheduleOptions):
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class ChoiceOptions(ScheduleOptions):
-    """Options that select cells, where None selects all.
+    """Options that select cells; None selects all.
 
     Attributes:
         teachers: teachers, with hyper-parameters if wanted, as in alp_gmm:fit_every=100,riac
@@ -457,7 +457,7 @@ EXECUTION_DEFAULTS = {
 
 
 def flag(name: str) -> str:
-    """Return the command-line option that sets an attribute."""
+    """Return the command-line option of an attribute, as in ``--dry-run``."""
     return f"--{name.replace('_', '-')}"
 
 
@@ -468,12 +468,12 @@ EXPERIMENT_DEFAULTS = EXECUTION_DEFAULTS | {
 
 
 def schedule_defaults(schedule: Schedule) -> dict[str, str]:
-    """Return a schedule's values by option, for a help text."""
+    """Return a schedule's values by option, as defaults in a help text."""
     return {flag(name): f"{getattr(schedule, name):,}" for name in SCHEDULE}
 
 
 def campaign_defaults(campaign: CampaignSpec) -> dict[str, str]:
-    """Return a campaign's values by option, for a help text."""
+    """Return a campaign's values by option, as defaults in a help text."""
     options = ("teachers", "students", "challenges", "embodiments", "expert_knowledge", "environment")
     defaults = {}
     for name in options:
@@ -485,7 +485,7 @@ def campaign_defaults(campaign: CampaignSpec) -> dict[str, str]:
 
 
 def chosen_campaign(campaign: CampaignSpec, options: CampaignOptions) -> CampaignSpec:
-    """Return `campaign` with all distinct combinations of the options' values."""
+    """Return `campaign` with the options' values in place of its own, in all distinct combinations."""
     choices: dict[str, Sequence[Any] | None] = {
         "environment": (options.environment,) if options.environment else None,
         "challenge": options.challenges,

@@ -1,4 +1,4 @@
-"""Campaigns as data, made of cells or the benchmark's matrices, and the plans of their runs."""
+"""Specifications of campaigns, built from cells or matrices, and the plans of their runs."""
 
 import itertools
 import os
@@ -27,7 +27,7 @@ class Plan:
         name: name of the campaign.
         size: phrase with the numbers of cells and seeds.
         runs: effective specs of the runs.
-        cell_rows: rows of the table of cells, without the campaign; several may share a run.
+        cell_rows: rows of the table of cells, without the campaign's name; several may share a run.
     """
 
     name: str
@@ -156,7 +156,7 @@ def matrix_cells(
     teacher_hyperparameters: Mapping[str, Any] | None = None,
     student_hyperparameters: Mapping[str, Any] | None = None,
 ) -> tuple[Cell, ...]:
-    """Return the cells at one point of `matrix`, leaving out teachers that lack their expert knowledge.
+    """Return the cells of `matrix`, without teachers that need more expert knowledge than a level offers.
 
     Args:
         matrix: matrix to run.
@@ -198,7 +198,7 @@ def matrix_cells(
 def matrix_campaigns(
     matrices: Iterable[Matrix], teachers: Sequence[str] = (), schedule: Schedule | None = None
 ) -> tuple[CampaignSpec, ...]:
-    """Return one campaign per grid point of `matrices`, leaving out points that no teacher can run.
+    """Return one campaign per hyper-parameter grid point of `matrices`, omitting points without cells.
 
     Args:
         matrices: matrices to run.
@@ -222,9 +222,9 @@ def matrix_campaigns(
 
 
 def joined_plan(name: str, campaigns: Sequence[CampaignSpec]) -> Plan:
-    """Join `campaigns` into one plan, as experiments of the campaign `name`.
+    """Join `campaigns` into the plan of one campaign, of which they are the experiments.
 
-    All cells' first seeds come before all second seeds, so that unfinished experiments can be compared.
+    Runs are ordered by seed, then by cell, since partial results can then be compared.
 
     Raises:
         ValueError: if a cell cannot run, or there is nothing to run.
@@ -261,7 +261,7 @@ def planned_experiments(plan: Plan) -> list[dict[str, Any]]:
     """Return the size of each experiment of `plan`, in order.
 
     ``cells`` counts combinations of body, student, teacher and level; ``asked`` those with their seeds, as
-    the paper counts runs; ``executed`` and ``steps`` the runs that no earlier experiment has.
+    the paper counts runs; ``executed`` and ``steps`` the runs that are in no earlier experiment.
     """
     columns = ("embodiment", "student", "teacher", "expert_knowledge")
     rows: dict[str, list[dict[str, Any]]] = {}

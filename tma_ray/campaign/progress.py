@@ -49,7 +49,7 @@ MAX_ROWS = 20  # largest number of runs shown on a terminal
 
 @dataclass(frozen=True)
 class ActiveRun:
-    """A running run with its budget in steps and its status."""
+    """Run in training, with its budget in steps and its status."""
 
     run_id: str
     steps: int
@@ -217,9 +217,9 @@ class Overview:
     """State of a results root.
 
     Attributes:
-        campaigns: runs by campaign and cell, a tuple of `CELL_COLUMNS`.
-        heartbeat: last heartbeat, None without one.
-        trial: trial, None without one.
+        campaigns: runs by campaign and cell (values of `CELL_COLUMNS`).
+        heartbeat: last heartbeat, or None if there was none.
+        trial: trial in this root, or None.
     """
 
     campaigns: Mapping[str, Mapping[tuple[str, ...], list[RunState]]]
@@ -239,7 +239,7 @@ def overview(root: str | Path, now: float) -> Overview:
 
 
 class Observer:
-    """Reader of a root's state that rereads only files that have changed."""
+    """Reader of a root's state that rereads only changed files."""
 
     def __init__(self, root: str | Path) -> None:
         self._store = Store.open(root)
@@ -311,7 +311,7 @@ REFRESH_SECONDS = 5.0  # time between two updates of a status that is watched, s
 def show_status(root: str | Path, cells: bool = False, console: Console | None = None) -> bool:
     """Print the state of a root's campaigns and the causes of failures, and return True if runs failed.
 
-    With `cells` there is a line for every cell, instead of one for all teachers.
+    With `cells` there is a line per cell, otherwise one for the cells of all teachers.
     """
     now = time.time()
     state = overview(root, now)
@@ -388,7 +388,7 @@ def _grid(groups: dict[str, list[RunState]]) -> Grid:
 
 
 def _failures(root: str | Path, runs: Sequence[RunState]) -> Iterator[str]:
-    """Yield the errors, most frequent first, with commands to inspect and repeat the failed runs."""
+    """Yield lines on the distinct errors, most frequent first, and on commands to inspect and repeat runs."""
     kinds: dict[str, list[str]] = {}
     for run in runs:
         if run.state == RunStatus.FAILED:
@@ -406,7 +406,7 @@ def _failures(root: str | Path, runs: Sequence[RunState]) -> Iterator[str]:
 
 
 def _distinct(runs: Sequence[RunState] | Iterator[RunState]) -> list[RunState]:
-    """Return each run once, since cells may share runs."""
+    """Return the runs without duplicates, since cells may share runs."""
     return list({run.run_id: run for run in runs}.values())
 
 
@@ -414,7 +414,7 @@ def show_history(run: str, root: str | Path, console: Console | None = None) -> 
     """Print the history of a run, given by its id or an unambiguous prefix.
 
     Raises:
-        ValueError: if no run has it, or several do.
+        ValueError: if no run or more than one matches.
     """
     console, results = terminal(console), Results.open(root)
     manifest = results.find(run)

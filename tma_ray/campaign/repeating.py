@@ -18,12 +18,12 @@ from tma_ray.tasks import KnowledgeLevel
 TEACHER_FIELDS = ("teacher", "teacher_hyperparameters", "expert_knowledge", "seed", "repeat")
 """Fields of a spec that may differ between teachers."""
 
-COMPONENT_FIELDS = ("plugins", "algorithm_versions", "inputs")  # fields with an entry for each component
+COMPONENT_FIELDS = ("plugins", "algorithm_versions", "inputs")  # fields with entries by component
 
 
 @dataclass(frozen=True)
 class _Setting:
-    """Cells of a release that differ only in teacher and seed, with the spec of one run and all seeds."""
+    """Group of a release's cells that differ only in the teacher, with a template spec and all seeds."""
 
     experiment: str
     level: KnowledgeLevel
@@ -39,9 +39,9 @@ def like_plan(
     challenges: Collection[str] = (),
     seeds: Collection[int] = (),
 ) -> Plan:
-    """Return the runs of `teachers` on a release's cells, with the same seeds and settings.
+    """Return a plan of runs with `teachers` on a release's cells, with its seeds and settings.
 
-    All cells' first seeds come before all second seeds.
+    Runs are ordered by seed, then by cell.
 
     Args:
         name: name of the campaign.
@@ -84,14 +84,14 @@ def _check_released(kind: str, values: Collection[Any], released: Collection[Any
 def trial_plan(
     name: str, released: Results, teacher: str, places: Sequence[tuple[str, ...]], seeds: Sequence[int]
 ) -> Plan:
-    """Return, cell by cell, the runs of `teacher` on cells of a release with other seeds.
+    """Return a plan of runs with `teacher` and new seeds on cells of a release, ordered by cell.
 
     Args:
         name: name of the campaign.
-        released: release.
+        released: release that has the cells.
         teacher: teacher to try.
-        places: environment, challenge, body, student and level of expert knowledge of each cell.
-        seeds: seeds of each cell.
+        places: cells, as tuples of environment, challenge, body, student and level of expert knowledge.
+        seeds: seeds of every cell.
 
     Raises:
         ValueError: if the teacher cannot run, or this version cannot repeat the release.
@@ -108,7 +108,7 @@ def trial_plan(
 
 
 def _settings(released: Results, core: Collection[str]) -> list[_Setting]:
-    """Return the settings of a release's cells, sorted by experiment."""
+    """Return the groups of a release's cells that differ only in the teacher, sorted by experiment."""
     specs = {manifest.run.run_id: manifest.run.spec for manifest in released.runs()}
     if not specs:
         raise ValueError(f"{released.store} has no runs: there is nothing to repeat")
@@ -145,10 +145,10 @@ def _settings(released: Results, core: Collection[str]) -> list[_Setting]:
 
 
 def _runs(setting: _Setting, teacher: str, released: Results) -> Iterator[tuple[RunSpec, dict[str, Any]]]:
-    """Yield the spec of each seed of a cell, and the run's row in the table of cells.
+    """Yield the spec of a run with `teacher` for each seed, and its row in the table of cells.
 
     Raises:
-        ValueError: if they differ from the release's runs in more than the teacher.
+        ValueError: if the specs differ from the release's in more than the teacher.
     """
     template = setting.template
     cell = Cell(
@@ -187,16 +187,16 @@ RELEASED_OPTIONS = (
     *("students", "embodiments", "expert_knowledge", "environment", "space", "environment_option"),
     *("test_set", *SCHEDULE, "independent_levels"),
 )
-"""Options whose values come from the release."""
+"""Options that ``--like`` refuses, since the release determines their values."""
 
 
 def run_like(name: str, release: str, core: Collection[str], options: CampaignOptions) -> int:
-    """Run the selected cells and seeds of a release, and return the exit code.
+    """Run other teachers on selected cells and seeds of a release, and return the exit code.
 
     See `like_plan` and `run_plan` for further errors.
 
     Raises:
-        ValueError: if no teacher is named, or an option's value comes from the release.
+        ValueError: if no teacher is named, or one of `RELEASED_OPTIONS` is given.
         ResultsRootError: if `release` is not a results root.
     """
     refused = [flag(name) for name in RELEASED_OPTIONS if getattr(options, name)]
@@ -215,8 +215,8 @@ def rerun_plan(root: str, names: Sequence[str], *, failed: bool) -> Plan:
     """Return a plan of a root's unfinished runs: those given by id or prefix, plus failed ones if `failed`.
 
     Raises:
-        ValueError: if nothing is named, a run does not exist or is done, or a plug-in was edited, which makes
-            other runs.
+        ValueError: if nothing is named, a run does not exist or is done, or an edited plug-in
+            changes its id.
     """
     results = Results.open(root)
     chosen = {manifest.run.run_id: manifest for manifest in map(results.find, names)}

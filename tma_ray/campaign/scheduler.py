@@ -1,4 +1,4 @@
-"""Scheduling of runs: their execution, the commits of results, and new attempts after losses."""
+"""Scheduling of runs: starts, commits of results, and retries after losses."""
 
 import logging
 import time
@@ -56,12 +56,12 @@ class Scheduler:
         self._done = self._failed = self._stopped = 0
 
     def execute(self, specs: Sequence[RunSpec], stop_requested: Callable[[], bool]) -> Snapshot:
-        """Execute, in order, those `specs` whose results the root lacks, and return the counts of outcomes.
+        """Execute the runs of `specs` that are not done, in order, and return the final progress.
 
         Once `stop_requested` returns True, runs stop with a checkpoint and nothing new starts.
 
         Raises:
-            HeadLostError: if Ray is lost; its runs are recorded as lost.
+            HeadLostError: if Ray is lost; running attempts are recorded as lost.
         """
         done = self._committer.call(Committer.done, [spec.run_id for spec in specs])
         self._done = len(done)
@@ -85,7 +85,7 @@ class Scheduler:
         return self._snapshot()
 
     def record_loss(self) -> None:
-        """Record all runs as lost and close the display, while another thread waits for Ray."""
+        """Record running attempts as lost and close the display, while another thread is blocked in Ray."""
         self._record_lost()
         self._view.close(self._snapshot())
 
@@ -98,7 +98,7 @@ class Scheduler:
             self._running[spec.run_id] = _Running(spec, number, datetime.now(UTC))
 
     def _poll(self, seconds: float) -> None:
-        """Commit what the executor reports within the next `seconds`, and show the progress."""
+        """Commit the executor's reports within the next `seconds`, and show the progress."""
         events = self._executor.poll(seconds, last=not (self._waiting or self._retries))
         self._committer.keep_lease()
         for event in events:
@@ -145,7 +145,7 @@ class Scheduler:
             self._fail(running, f"it was lost {self._retries.losses(loss.run_id)} times, last: {loss.reason}")
 
     def _stop(self) -> None:
-        """Request checkpoints of all runs, and wait for them during at most the grace period."""
+        """Stop all runs with checkpoints, within at most the grace period."""
         self._executor.stop()
         deadline = time.monotonic() + self._settings.grace_seconds
         while self._running and time.monotonic() < deadline:

@@ -42,7 +42,7 @@ from tma_ray.support.texts import counted
 
 @dataclass(frozen=True)
 class Campaign(CampaignSpec):
-    """A campaign that a script runs with the command line `main`; see `CampaignSpec` for its attributes."""
+    """Campaign with the command line `main` for scripts; see `CampaignSpec` for its attributes."""
 
     def main(self, arguments: Sequence[str] | None = None) -> None:
         """Run the campaign as a script with the shared options, and exit.
@@ -58,7 +58,7 @@ class Campaign(CampaignSpec):
 
 
 def script(campaign: CampaignSpec) -> App:
-    """Return the command line of a campaign's script."""
+    """Return the command-line app of a campaign's script."""
 
     def run(*, options: CampaignOptions = CampaignOptions()) -> int:
         return execute(campaign, options)
@@ -75,8 +75,8 @@ def execute(campaign: CampaignSpec, options: CampaignOptions) -> int:
 def run_plan(plan: Plan, results: str, options: ExecutionOptions, *, show_cost: bool = False) -> int:
     """Print the size of `plan`, run it, and return the same exit code as `Campaign.main`.
 
-    Over an hour on this machine must be confirmed, on a cluster by ``--yes``. With `show_cost` the whole
-    cost is printed, even if short.
+    Plans of over an hour on this machine need a confirmation, on a cluster ``--yes``. With `show_cost` the
+    cost of the whole plan is printed.
 
     Raises:
         ValueError: if the address is malformed, or a long plan was not confirmed.
@@ -134,7 +134,7 @@ def confirm(name: str, cost: Cost, *, yes: bool, address: str | None = None) -> 
 
 
 def execute_and_report(plan: Plan, results: str, config: ExecutionConfig, address: str | None) -> int:
-    """Execute `plan`, print why it ended early if it did, and return the exit code."""
+    """Execute `plan`, print the reason of an early end, and return the exit code."""
     from tma_ray.campaign.execution import execute_plan  # imported late, since it imports ray
 
     try:
@@ -162,11 +162,11 @@ def execute_and_report(plan: Plan, results: str, config: ExecutionConfig, addres
 
 
 class SingleRunError(RuntimeError):
-    """A single run failed; the cause of this error is what the run raised."""
+    """A single run failed; ``__cause__`` is the run's exception."""
 
 
 def confirmed_single(options: RunOptions) -> tuple[Plan, Placement]:
-    """Return the plan and placement of the run of ``tma-ray run``, asking for confirmation if it is long.
+    """Return the plan and placement of ``tma-ray run``, asking for confirmation of a long run.
 
     Raises:
         ValueError: if the run is impossible, or long and not confirmed.
@@ -193,7 +193,7 @@ def confirmed_single(options: RunOptions) -> tuple[Plan, Placement]:
 
 
 def run_single(options: RunOptions) -> int:
-    """Execute the run of ``tma-ray run``, and return the exit code.
+    """Execute the run of the command ``tma-ray run``, and return the exit code.
 
     Raises:
         ValueError: if the run is impossible, or long and not confirmed.

@@ -1,4 +1,4 @@
-"""Configuration of how a campaign is executed, without effect on its results."""
+"""Configuration of a campaign's execution, which does not affect its results."""
 
 import sys
 from collections.abc import Mapping
@@ -16,7 +16,7 @@ GIB = 2**30
 PLENTY: Final = float(sys.maxsize)  # more memory than any run needs, in bytes
 
 AUTOSCALING_QUEUE = 64
-"""Queued runs on an autoscaling cluster, which would add nodes one by one for a single run."""
+"""Largest number of queued runs on an autoscaling cluster; with fewer it would add nodes one by one."""
 
 COHORT_WIDTH = CohortSettings.width  # default number of slots of a cohort on a GPU
 
@@ -88,7 +88,7 @@ def this_machine() -> Nodes:
 
 
 PLAYER = Resources(cpus=0.25, memory_gib=0.5)
-"""Resources of a run in a cohort, which has neither networks nor replay and mostly waits."""
+"""Default resources of a run in a cohort, whose networks and replay buffer are in the learner."""
 
 
 @dataclass(frozen=True)

@@ -31,11 +31,11 @@ ENVIRONMENT, STUDENT = "stump_tracks", "simulated"
 CAMPAIGN = "simulated"  # name of the campaign of simulated cells
 
 FRACTION = 64
-"""Denominator to which returns are rounded, which halves the size of a run."""
+"""Denominator of the rounded returns; rounding halves the size of a run."""
 
 
 class SimulatedRoot:
-    """Results root of simulated runs that are written one by one, with expected returns and episode lengths.
+    """Results root for simulated runs, written one by one with expected returns and episode lengths.
 
     Raises:
         ResultsRootError: if the folder has other files.
@@ -71,7 +71,7 @@ class SimulatedRoot:
         self._committer.write_cells(CAMPAIGN, rows)
 
     def kept(self) -> list[SimulatedRun]:
-        """Return those planned runs that the root has."""
+        """Return the planned runs that are already in the root."""
         done = self._committer.done(_record(run, self._episodes).run_id for run in self._planned)
         return played_runs(Results(self._committer.store), done)
 

@@ -27,7 +27,7 @@ def campaign_of(teacher: str) -> str:
 
 
 class TrialRuns:
-    """Runs of a trial and how they are executed.
+    """Runs of a trial and the options of their execution.
 
     Args:
         plans: runs up to each look, including those of earlier looks.
@@ -58,13 +58,13 @@ class TrialRuns:
         return estimate(left, self.config, nodes=self.nodes) if left.runs else None
 
     def hours(self, plan: Plan, cost: Cost | None) -> float:
-        """Return the estimated time of a plan in hours, at the speeds of another cost."""
+        """Return the estimated time of a plan in hours, at the speeds in `cost`."""
         speeds = cost.throughputs if cost else None
         return estimate(plan, self.config, speeds, nodes=self.nodes).wall_hours if plan.runs else 0.0
 
 
 def affordable_look(trial: TrialRuns, cost: Cost | None) -> int | None:
-    """Return the index of the last look within the budget, or None for all looks."""
+    """Return the index of the last interim look within the budget, or None for all looks."""
     if cost is None or not trial.budget:
         return None
     hours = [trial.hours(plan, cost) for plan in trial.remaining()]
@@ -72,7 +72,7 @@ def affordable_look(trial: TrialRuns, cost: Cost | None) -> int | None:
 
 
 def run_looks(trial: TrialRuns, cost: Cost | None, judge: Judge) -> int:
-    """Run and evaluate looks until the trial stops or its budget is spent, and return the exit code.
+    """Run and evaluate interim looks until the trial or its budget ends, and return the exit code.
 
     A look starts only if the budget suffices for its missing runs. One that takes longer than estimated is
     stopped with checkpoints, and the same command continues it.
@@ -119,7 +119,7 @@ def _stopped_at(deadline: float | None, results: str) -> Iterator[None]:
 
 
 def simulated_cells(teacher: str, places: Sequence[tuple[str, ...]]) -> list[matrix.SimulatedCell]:
-    """Return the cells of a trial on simulated students, one for each of the `places` in its design.
+    """Return the simulated cells of a trial, one per cell of its design (`places`).
 
     Raises:
         ValueError: if a challenge exceeds the limits that the teacher declares.
@@ -134,7 +134,7 @@ def simulated_cells(teacher: str, places: Sequence[tuple[str, ...]]) -> list[mat
 def simulate_looks(
     cells: Sequence[matrix.SimulatedCell], looks: Sequence[Sequence[int]], options: TrialOptions, judge: Judge
 ) -> int:
-    """Run a trial on simulated students, as in `run_looks`; `looks` has the seeds up to each look.
+    """Run a trial on simulated students; `looks` has the seeds up to each interim look, see `run_looks`.
 
     Raises:
         ProcessLostError: if a process was killed; the same call continues.

@@ -1,4 +1,4 @@
-"""Results as Parquet tables, written by runs, published by one committer and read by anyone."""
+"""Storage of results as Parquet tables: writing by runs, publication by a committer, and reading."""
 
 from tma_ray.results.committer import (
     Committer,

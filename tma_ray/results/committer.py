@@ -1,4 +1,4 @@
-"""Run writers, which stage rows, and the committer, which publishes the rows in a root."""
+"""Run writers, which stage rows, and the committer, which publishes the rows in a results root."""
 
 import json
 import logging
@@ -27,7 +27,7 @@ logger = logging.getLogger(__name__)
 
 
 class StaleAttemptError(RuntimeError):
-    """An attempt that a newer one has replaced tried to publish."""
+    """An attempt tried to publish after a newer one had replaced it."""
 
 
 def accepted_manifest(store: Store, run_id: str, attempt: int) -> Manifest | None:
@@ -47,7 +47,7 @@ def accepted_manifest(store: Store, run_id: str, attempt: int) -> Manifest | Non
 
 
 def _readable(store: Store, run_id: str) -> Manifest | None:
-    """Return the manifest of a run, or None if it is missing or damaged (which is logged)."""
+    """Return the manifest of a run, or None if it is missing or damaged; damage is logged."""
     try:
         return Manifest.load(store, run_id)
     except FileNotFoundError:
@@ -61,13 +61,13 @@ WITHDRAWN: Final = b"null"  # record of an attempt that never began
 
 
 def write_progress(store: Store, record: AttemptRecord) -> None:
-    """Write the record of a running attempt, with the outcome that it would have if it were lost now."""
+    """Write the record of a running attempt, whose outcome applies if the attempt is lost now."""
     content = {**asdict(record), "started_at": record.started_at.isoformat()}
     store.write_bytes(layout.progress_path(record.run_id, record.attempt), json.dumps(content).encode())
 
 
 def read_progress(store: Store, run_id: str, attempt: int) -> AttemptRecord | None:
-    """Return the last record that a running attempt has written, or None if it is missing or damaged."""
+    """Return the last record of a running attempt, or None if it is missing or damaged."""
     path = layout.progress_path(run_id, attempt)
     try:
         record = store.read_json(path, AttemptRecord)
@@ -79,8 +79,8 @@ def read_progress(store: Store, run_id: str, attempt: int) -> AttemptRecord | No
 class Committer:
     """Publisher of runs; a results root has at most one at a time.
 
-    Every method can be repeated after a crash and then leads to the same files. Readers see each evaluation
-    once and whole at any time, since data becomes visible and moves by replacing the manifest of the run.
+    Every method can be repeated after a crash and then leads to the same files. Readers never see half of an
+    evaluation or the same one twice, since files become visible and move when a run's manifest is replaced.
     Publications raise a StaleAttemptError if a later attempt is accepted, or the run is done.
 
     Args:
@@ -109,12 +109,12 @@ class Committer:
     def start(self, run: RunRecord) -> int:
         """Start a new attempt at a run, making older attempts stale, and return its number.
 
-        Published results stay visible. A previous attempt whose driver died gets its row.
+        Published results stay visible. The row of a previous attempt whose driver died is written here.
         """
         published = _readable(self.store, run.run_id)
         if published is not None:
             attempt = published.attempt + 1
-        else:  # higher than any with files, since no two attempts may ever write to the same files
+        else:  # above all numbers in use, since two attempts must not write to the same files
             folders = [f"{name}/{run.run_id}" for name in (layout.STAGING, layout.CHECKPOINTS, layout.LOGS)]
             names = (path.removeprefix(f"{base}/") for base in folders for path in self.store.files(base))
             attempt = 1 + max((int(n) for name in names for n in ATTEMPT.findall(name)), default=-1)
@@ -126,7 +126,7 @@ class Committer:
         return attempt
 
     def withdraw(self, run_id: str, attempt: int) -> None:
-        """Withdraw an attempt that never began, without writing a row or reusing its number."""
+        """Withdraw an attempt that never began; it gets no row, and its number is not reused."""
         self.store.write_bytes(layout.progress_path(run_id, attempt), WITHDRAWN)
 
     def done(self, run_ids: Iterable[str]) -> set[str]:
@@ -147,7 +147,7 @@ class Committer:
         return whole
 
     def publish(self, run: RunRecord, attempt: int, parts: Sequence[PartFile]) -> None:
-        """Publish all `parts` that the run has so far, once a checkpoint refers to them."""
+        """Publish all `parts` of a run so far, after a checkpoint that refers to them."""
         published = accepted_manifest(self.store, run.run_id, attempt)
         visible = set(published.files) if published else set()
         for part in parts:
@@ -215,7 +215,7 @@ class Committer:
         if self.store.exists(path) and self.store.read_bytes(path) == WITHDRAWN:
             return
         record = read_progress(self.store, run_id, attempt)
-        if record is None:  # only the run's manifest has the start of the attempt
+        if record is None:  # the attempt began when its manifest was written
             written_at, _ = self.store.stamps(layout.MANIFESTS).get(
                 layout.manifest_path(run_id), (None, None)
             )
@@ -224,7 +224,7 @@ class Committer:
         self.record_attempt(record)
 
     def _record_done(self, run_id: str, attempt: int) -> None:
-        """Write the row of the attempt that finished a run, in case its driver dies before doing so."""
+        """Write the row of the attempt that finished a run, since its driver may die before it does so."""
         record = read_progress(self.store, run_id, attempt)
         if record is not None and not self._has_row(run_id, attempt):
             self.record_attempt(replace(record, outcome=AttemptOutcome.DONE))
@@ -234,7 +234,7 @@ class Committer:
         return any(row["attempt"] == attempt for row in self._rows_before(Table.ATTEMPTS, path))
 
     def _replace(self, published: Manifest | None, new: Manifest) -> None:
-        """Write the row of a run before its manifest, so that no manifest lacks a row."""
+        """Write the row of a run, and then its manifest, which must never lack a row."""
         if published is None or published.row() != new.row():
             row = to_arrow(Table.RUNS, SCHEMAS[Table.RUNS], [new.row()])
             self.store.write_bytes(layout.table_path(Table.RUNS, new.run.run_id), encode(Table.RUNS, row))
@@ -252,7 +252,7 @@ class Committer:
         self.store.write_bytes(path, encode(table, to_arrow(table, SCHEMAS[table], ordered)))
 
     def _rows_before(self, table: Table, path: str) -> list[dict[str, Any]]:
-        """Return the rows of a file to be replaced, or no rows if it is damaged (which is logged)."""
+        """Return the rows of a file to be replaced, or no rows if it is damaged; damage is logged."""
         try:
             rows: list[dict[str, Any]] = decode(table, self.store.read_bytes(path)).to_pylist()
         except FileNotFoundError:
@@ -268,7 +268,7 @@ class Committer:
 class RunWriter:
     """Writer that stages the rows of one attempt at a run.
 
-    A checkpoint commits rows by storing the result of `flush`, which is `committed` for a resuming attempt.
+    A checkpoint commits rows by storing the result of `flush`; a resuming attempt passes it as `committed`.
 
     Args:
         store: store of the results root.
@@ -295,7 +295,7 @@ class RunWriter:
         self._buffer: dict[Table, list[pa.Table]] = {table: [] for table in DATA_TABLES}
 
     def add(self, table: Table, rows: Sequence[Mapping[str, Any]]) -> None:
-        """Append rows; those of one evaluation must come in one call so that parts hold whole evaluations.
+        """Append rows; the rows of an evaluation must come in one call, since parts hold whole evaluations.
 
         Args:
             table: one of `DATA_TABLES`.

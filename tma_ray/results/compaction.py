@@ -28,7 +28,7 @@ from tma_ray.results.storage import ResultsRootError, Store
 from tma_ray.results.verification import Inspector
 from tma_ray.support.decoding import DamagedFileError, DamagedFileWarning
 
-SINGLE_RUNS = "single_runs"  # stands in file names for the experiment of runs without a campaign
+SINGLE_RUNS = "single_runs"  # in file names, experiment of runs without a campaign
 
 
 @dataclass(frozen=True)
@@ -61,15 +61,15 @@ LEAN: Final = CopyOptions(
     hosts=False,
     rounded=True,
 )
-"""About 10 kB per run: rounded, without episodes, teacher logs, policies and host names."""
+"""Options of a small copy (10 kB per run): rounded, without episodes, teacher logs, policies and hosts."""
 
 SIGNIFICANT_BITS: Final = {Table.EVALUATIONS: ("episodic_return", 24), Table.CURRICULUM: ("task", 12)}
-"""Rounded columns and their significant bits (relative errors of 6e-8 and 2.4e-4); the rest is noise, which
-does not compress."""
+"""Rounded columns and their significant bits (relative errors of 6e-8 and 2.4e-4); further bits are noise,
+which does not compress."""
 
 
 def experiments_of(results: Results) -> dict[str, str]:
-    """Return each run's experiment (the first by name of several) by run id, sanitised for file names."""
+    """Return the experiments of runs by run id, as parts of file names; of several, the first by name."""
     cells = results.table(Table.CELLS, columns=["experiment", "run_id"]).to_pylist()
     cells.sort(key=lambda cell: cell["experiment"], reverse=True)
     experiments = {cell["run_id"]: cell["experiment"] for cell in cells}
@@ -96,14 +96,14 @@ def pack(
     tick: Callable[[], None],
     options: CopyOptions = WHOLE,
 ) -> list[Manifest]:
-    """Write one file per table with all rows of some runs, verify the files, and return new manifests.
+    """Merge the rows of some runs into one verified file per table, and return their new manifests.
 
     Args:
         results: root of the runs.
         manifests: manifests of the runs, sorted by run id.
         target: root to write to, perhaps the same.
         name: name of the new files.
-        tick: function called between runs, for signs of life.
+        tick: function called between runs, as to renew a lease.
         options: tables and files to write.
     """
     slices: dict[str, list[PartFile]] = {manifest.run.run_id: [] for manifest in manifests}
@@ -219,7 +219,7 @@ class Journal:
 
 
 def clean(store: Store) -> None:
-    """Delete files in the journal that no manifest needs.
+    """Delete the files in the journal that no manifest lists.
 
     If manifests are unreadable, files that they may list are kept.
     """
@@ -242,7 +242,7 @@ def clean(store: Store) -> None:
         store.delete(JOURNAL)
 
 
-POLICY_FILES: Final = (".json", ".safetensors")  # endings of policy files that are safe to read
+POLICY_FILES: Final = (".json", ".safetensors")  # suffixes of policy files that are safe to read
 
 
 @dataclass(frozen=True)
@@ -292,7 +292,7 @@ def copy_merged(results: Results, target: Store, options: CopyOptions = WHOLE) -
 def copy_extras(
     results: Results, target: Store, manifests: Sequence[Manifest], options: CopyOptions
 ) -> tuple[str, ...]:
-    """Copy the inputs and policies of runs, and return the policy files that were left out as unsafe."""
+    """Copy the inputs and policies of runs, and return the paths of unsafe policy files, which stay."""
     for path in stored_inputs(results.store, (manifest.run for manifest in manifests)):
         target.write_bytes(path, results.store.read_bytes(path))
     if not options.policies:
@@ -338,7 +338,7 @@ def intact_runs(results: Results, options: CopyOptions) -> tuple[list[Manifest],
 
 
 def newer_version(store: Store, path: str) -> str:
-    """Return a message that a file has unknown columns and so is neither merged nor copied."""
+    """Return a message on a file with unknown columns, which is neither merged nor copied."""
     return (
         f"{store.where(path)} was written by a newer tma_ray, with columns that this one would lose: it was "
         f"left as it is; use that version"
@@ -437,7 +437,7 @@ class Shard(Copy):
 
 
 def add_shard(results: Results, target: Store, name: str) -> Shard:
-    """Add a root's finished runs that `target` lacks, with their cells, as new files.
+    """Copy the finished runs missing in `target`, with their cells, into new files.
 
     Args:
         results: root of the new runs.
@@ -473,7 +473,7 @@ def add_shard(results: Results, target: Store, name: str) -> Shard:
 
 
 def start_from(store: Store, source: Store) -> int:
-    """Copy finished runs and their cells to a root that lacks them, and return the number of runs copied.
+    """Copy the finished runs missing in `store`, with their cells, from `source`; return their number.
 
     A campaign on that root then only runs what is missing.
 

@@ -1,4 +1,4 @@
-"""Input files and plug-in sources of runs, stored by content below ``inputs``."""
+"""Input files and plug-in sources of runs, stored in the folder ``inputs`` under their hashes."""
 
 import base64
 import hashlib
@@ -29,7 +29,7 @@ class _Plugin:
 
 @dataclass(frozen=True)
 class _SpecInputs:
-    """The inputs and plug-ins in a spec."""
+    """Inputs and plug-ins of a spec."""
 
     inputs: dict[str, _Input] = field(default_factory=dict)
     plugins: dict[str, _Plugin] = field(default_factory=dict)
@@ -74,7 +74,7 @@ def read_input(store: Store, sha256: str) -> bytes:
 
 
 def store_plugin(store: Store, source: PluginSource) -> None:
-    """Store the source of a plug-in for people to read; it is never run from there."""
+    """Store the source of a plug-in for reference; the stored source is never executed."""
     path = plugin_path(source.digest)
     if store.exists(path):
         return

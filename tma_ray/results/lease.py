@@ -31,7 +31,7 @@ class Process:
 
     @classmethod
     def this(cls) -> "Process | None":
-        """Return this process, or None on systems without such identities."""
+        """Return the identity of this process, or None on systems without /proc."""
         try:
             boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
             namespace = str(Path("/proc/self/ns/pid").readlink())
@@ -40,7 +40,7 @@ class Process:
         return cls(boot, namespace, os.getpid())
 
     def is_dead(self) -> bool:
-        """Return True if this is a process of this machine that has ended."""
+        """Return True if the process ran on this machine and has ended."""
         this = Process.this()
         if this is None or (self.boot, self.namespace) != (this.boot, this.namespace):
             return False
@@ -112,7 +112,7 @@ class Heartbeat:
             return None
 
     def alive(self, now: float) -> bool:
-        """Return True if the campaign seems to run at `now`; heartbeats from the future do not count."""
+        """Return True if the campaign seems to run at the Unix time `now`, unless its clock is far ahead."""
         if self.ended or (self.process is not None and self.process.is_dead()):
             return False
         return abs(now - self.at) < SILENT_SECONDS
@@ -149,7 +149,7 @@ class HeartbeatWriter:
 
 @dataclass(frozen=True)
 class LeaseFile:
-    """The content of a lease's file.
+    """Content of a lease file.
 
     Attributes:
         holder: campaign, host and process, for messages.
@@ -168,13 +168,13 @@ class LeaseFile:
         return now - self.renewed_at >= seconds or (self.process is not None and self.process.is_dead())
 
     def is_ahead(self, now: float, seconds: float) -> bool:
-        """Return True if the lease was renewed in the future, so that some clock must be wrong."""
+        """Return True if the lease was renewed in the future, which means that a clock is wrong."""
         return self.renewed_at - now >= seconds and not self.is_dead(now, seconds)
 
 
 @dataclass(frozen=True)
 class StopRequest:
-    """Request that asks a holder to stop, by its lease's token, or by name if the lease is damaged."""
+    """Request to stop the holder of a lease, by the lease's token, or by name if the lease is damaged."""
 
     token: str = ""
     holder: str = ""
@@ -203,8 +203,8 @@ class Lease:
     renewal rejects a second holder.
 
     A lease is free at once if its process on this machine has ended, or if it is damaged and no heartbeat
-    shows a running campaign. One from the future, after a wrong clock, is watched for half of `seconds`, in
-    which a running holder renews it twice.
+    shows a running campaign. A lease from the future, due to a wrong clock, is watched for half of
+    `seconds`, in which a running holder renews it twice.
 
     A delayed request of a former holder to an object store may still arrive. Files stay whole then, and
     checksums reveal a replaced part.
@@ -288,7 +288,7 @@ class Lease:
             self._refuse(_readable(self.store))
 
     def renew(self) -> None:
-        """Renew the lease; this is required before publishing after a pause.
+        """Renew the lease, as required before publishing after a pause.
 
         Raises:
             RootInUseError: if another campaign has taken it over.
@@ -302,7 +302,7 @@ class Lease:
             self._refuse_renewal(_readable(self.store))
 
     def keep(self) -> None:
-        """Renew the lease once a quarter of its time has passed; this is cheap enough for a loop."""
+        """Renew the lease if a quarter of its time has passed; cheap enough for a loop."""
         if self._clock() - self._renewed_at >= self.seconds / 4:
             self.renew()
 
@@ -316,7 +316,7 @@ class Lease:
         self.store.delete(LEASE_FILE)
 
     def asked_to_stop(self) -> bool:
-        """Return True if `ask_to_stop` was called for this holder; this is cheap enough for a loop."""
+        """Return True if `ask_to_stop` was called for this holder; cheap enough for a loop."""
         if not self._asked and self._clock() - self._checked_at >= STOP_CHECK_SECONDS:
             self._checked_at = self._clock()
             try:
@@ -346,7 +346,7 @@ class Lease:
         return isinstance(current, LeaseFile) and current.token == self._token
 
     def _write(self, current: LeaseFile | DamagedFileError | None, version: Version) -> bool:
-        """Replace the `current` lease with ours, or return False if another process was faster."""
+        """Write this lease in place of `current`, or return False if another process was faster."""
         self._renewed_at = self._clock()
         lease = LeaseFile(self.holder, self._token, self._renewed_at, Process.this())
         data = json.dumps(asdict(lease)).encode()
@@ -357,7 +357,7 @@ class Lease:
             written = True
         else:
             written = self.store.replace(LEASE_FILE, data, version)
-        # a request that is repeated after a lost response finds our own lease
+        # if a response was lost, the repeated request finds this lease already written
         return written or self._is_ours(_read(self.store)[0])
 
 
@@ -407,7 +407,7 @@ def _beating(store: Store, now: float) -> Heartbeat | None:
 
 
 def _read(store: Store) -> tuple[LeaseFile | DamagedFileError | None, Version]:
-    """Return a root's lease, or how it is damaged, with its version, or None if it is missing."""
+    """Return a root's lease (an error if damaged, None if missing) and the version of its file."""
     try:
         data, version = store.read_version(LEASE_FILE)
     except FileNotFoundError:

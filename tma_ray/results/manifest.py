@@ -29,7 +29,7 @@ from tma_ray.support.decoding import (
     decode_json,
 )
 
-MOST_RUN_ROWS: Final = 50_000_000  # largest number of rows of a run in a table; more are damage
+MOST_RUN_ROWS: Final = 50_000_000  # largest number of rows of a run in a table; more indicate damage
 
 
 def read_checked(store: Store, path: str, sha256: str) -> bytes:
@@ -45,7 +45,7 @@ class PartFile:
     """A run's Parquet file, or its rows in a shared file.
 
     Attributes:
-        path: path of the file, from the results root.
+        path: path of the file, relative to the results root.
         rows: number of rows of the run.
         sha256: checksum of the file, hexadecimal.
         first: first row of the run in a shared file, None for a file of the run alone.
@@ -83,7 +83,7 @@ class Manifest:
     Attributes:
         run: description of the run.
         attempt: accepted attempt, which makes older ones stale.
-        files: parts in order of a running run, one canonical file per data table of a finished one.
+        files: ordered parts of a running run, or one canonical file per data table of a finished run.
         error: reason of a failure.
     """
 
@@ -156,7 +156,7 @@ def write_index(store: Store, manifests: Iterable[Manifest]) -> None:
 
 
 def read_index(store: Store, text: str = "") -> Iterator[tuple[str, Manifest | Exception]]:
-    """Yield the name and the manifest, or the error if damaged, of each index line that contains `text`."""
+    """Yield the name and manifest (an error if damaged) of index lines that contain `text`."""
     if not store.holds(INDEX_FILE):  # the file is usually missing, and `status` polls it
         return
     try:
@@ -220,7 +220,7 @@ def read_slices(
 
 
 def damaged_rows(store: Store, file: PartFile) -> tuple[tuple[int, int], ...]:
-    """Return the ranges of a damaged file's unreadable rows by page checksums, or the range of all rows."""
+    """Return the ranges of unreadable rows in a damaged file; all rows if its page checksums are right."""
     try:
         ranges = tuple(unreadable_rows(file.table, store.read_bytes(file.path)))
     except UNREADABLE:
@@ -242,7 +242,7 @@ def _tried(store: Store, file: PartFile, columns: Sequence[str]) -> pa.Table | E
 
 
 def shared_by_path(files: Iterable[PartFile]) -> dict[str, list[PartFile]]:
-    """Return those of `files` that are nonempty slices of shared files, by path."""
+    """Return the nonempty slices of shared files among `files`, by path."""
     slices: dict[str, list[PartFile]] = {}
     for file in files:
         if file.first is not None and file.rows:
@@ -251,14 +251,14 @@ def shared_by_path(files: Iterable[PartFile]) -> dict[str, list[PartFile]]:
 
 
 def by_appearance(rows: pa.Table) -> pa.Table:
-    """Return `rows` with each column's dictionary reduced to the values used, in order of appearance."""
+    """Return `rows` with dictionaries of columns reduced to the used values, in order of appearance."""
     for number, field in enumerate(rows.schema):
         if pa.types.is_dictionary(field.type):
             column = rows.column(number).combine_chunks()
             if column.null_count or not len(column):
                 used = pc.drop_null(pc.unique(column.indices))
                 renumbered = pc.index_in(column.indices, used).cast(column.indices.type)
-            else:  # tens of millions of indices, in long sequences of equal ones
+            else:  # fast for tens of millions of indices in long runs of equal values
                 indices = column.indices.to_numpy()
                 starts = np.flatnonzero(indices[1:] != indices[:-1]) + 1
                 used = pc.unique(pa.array(indices[np.concatenate([[0], starts])]))

@@ -15,7 +15,7 @@ from tma_ray.results.storage import Store
 from tma_ray.support.decoding import MOST_FILE_BYTES, DamagedFileError
 
 _Fields: TypeAlias = dict[int, Any]  # fields of a Thrift structure by number
-PAGE_BYTES: Final = 1024  # counted for every page, since many empty pages take time
+PAGE_BYTES: Final = 1024  # added for every page, since many empty pages take time
 _VALUE_BYTES: Final = 8  # size of a number or of a text's offset
 
 _NUMBERS: Final = ("BOOLEAN", "INT32", "INT64", "FLOAT", "DOUBLE")
@@ -30,7 +30,7 @@ def unpacked_sizes(
     """Yield an upper bound, in bytes, on the memory of each page of some row groups and columns.
 
     Arrow only checks page headers while it allocates, and small forged pages may unpack to any size. `source`
-    is the opened file with `read_at`, `kept` are text columns to read as dictionaries.
+    is the open file, with a method `read_at`; `kept` are text columns to read as dictionaries.
     """
     for group in map(file.metadata.row_group, groups):
         for chunk in map(group.column, range(group.num_columns)):
@@ -75,7 +75,7 @@ def _pages(source: Any, chunk: Any) -> Iterator[_Fields]:
 
 
 def _structure(data: bytes, offset: int) -> tuple[_Fields, int]:
-    """Return the numbers and nested structures in a Thrift structure (compact protocol), and its end."""
+    """Return the integers and nested structures of a Thrift structure (compact protocol), and its end."""
     fields: _Fields = {}
     number = 0
     while data[offset]:
@@ -119,7 +119,7 @@ ROW_GROUP_ROWS: Final = 1 << 17  # a few megabytes of episodes
 MOST_TABLE_ROWS: Final = {
     table: 2_000_000 if table in (Table.RUNS, Table.ATTEMPTS, Table.CELLS) else 500_000_000 for table in Table
 }
-"""Limit on the rows of a file (repeated rows take next to nothing on disk)."""
+"""Limit on the rows of a file; a small file may hold very many, since repeated rows compress well."""
 
 MOST_ROW_BYTES: Final = {
     table: 2**20 if table in (Table.RUNS, Table.TEACHER_LOG) else 2**16 for table in Table
@@ -238,9 +238,9 @@ def same_rows(table: Table, rows: pa.Table, others: pa.Table) -> bool:
 
 
 def _opened(table: Table, source: Any, *, checked: bool = False) -> pq.ParquetFile:
-    """Open a file such that its ids are read as dictionaries."""
+    """Open a Parquet file for reading, with id columns as dictionaries."""
     metadata = pq.read_metadata(source)
-    ids = [name for name in _ids(table) if name in metadata.schema.names]  # older files lack some of the ids
+    ids = [name for name in _ids(table) if name in metadata.schema.names]  # older files lack some ids
     return pq.ParquetFile(
         source, metadata=metadata, page_checksum_verification=not checked, read_dictionary=ids
     )
@@ -269,7 +269,7 @@ def _check_size(
 
 
 def _present(file: pq.ParquetFile, columns: Sequence[str]) -> list[str]:
-    """Return those `columns` that `file` has, or else another one that gives the number of rows."""
+    """Return the `columns` that `file` has, or, without any, its first column, for the number of rows."""
     names = file.schema_arrow.names
     return [name for name in columns if name in names] or names[:1]
 

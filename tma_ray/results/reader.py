@@ -46,7 +46,7 @@ KEYS: Final = {Table.ATTEMPTS: (RUN_ID, "attempt"), Table.CELLS: (RUN_ID,)}
 """Key columns of tables about runs."""
 
 _THREADS: Final = 16  # may exceed the number of cores, since threads mostly wait for disks or object stores
-_SETTLED_NS: Final = 5_000_000_000  # age of a file at which rewriting it would change its time, ns
+_SETTLED_NS: Final = 5_000_000_000  # age of a file from which on a rewrite changes its modification time, ns
 _SMALL_ROWS: Final = 20_000  # a file with fewer rows is decoded faster than passed to a thread
 
 
@@ -103,11 +103,11 @@ class Results:
         return cls(Store.open(uri))
 
     def runs(self) -> tuple[Manifest, ...]:
-        """Return the manifest, status and error of each run, sorted by run id."""
+        """Return the manifests of all runs, which hold their status and error, sorted by run id."""
         return self._manifests
 
     def find(self, name: str) -> Manifest:
-        """Return the manifest of the run with the id `name`, or with this unique prefix.
+        """Return the manifest of the only run whose id is or begins with `name`.
 
         Raises:
             ValueError: if no run matches, or several do.
@@ -149,7 +149,7 @@ class Results:
         if run_ids is not None:
             indices = sorted(self._indices[run_id] for run_id in set(run_ids) if run_id in self._indices)
             chosen = [self._manifests[index] for index in indices]
-        # saves reading tens of millions of ids
+        # ids are filled in below, since there may be tens of millions to read
         read = [name for name in names if name != RUN_ID] or names
         files = (file for manifest in chosen for file in manifest.files if file.table is table)
         slices = self._map(
@@ -241,7 +241,7 @@ class Results:
             self.problems.append(problem)
 
     def _threads(self, rows: Iterable[int] = ()) -> int:
-        """Return the number of threads for files with these numbers of rows, or 1 for small local files."""
+        """Return the number of threads to read files with, given their numbers of rows; 1 if small and local."""
         return _THREADS if self.store.is_object_store or max(rows, default=0) > _SMALL_ROWS else 1
 
     def _map(
@@ -258,7 +258,7 @@ class Results:
         return results
 
     def _warn(self, start: int) -> None:
-        """Warn about the problems from number `start` on."""
+        """Issue warnings for the problems from index `start` on."""
         for problem in self.problems[start:]:
             warnings.warn(problem, DamagedFileWarning, stacklevel=5)
 

@@ -91,16 +91,16 @@ class AttemptRecord:
 
 @dataclass(frozen=True)
 class ScheduleView:
-    """The part of a spec's schedule that readers use: the budget in environment steps."""
+    """Field of a spec's schedule that readers use: the budget in environment steps."""
 
     steps: Natural | None = None
 
 
 @dataclass(frozen=True)
 class SpecView:
-    """The fields of a spec that readers use, which are None or empty if missing."""
+    """Fields of a spec that readers use; None or empty if missing."""
 
-    engine: str | None = None  # simulator that imported runs used
+    engine: str | None = None  # physics engine of imported runs
     environment: str | None = None
     challenge: str | None = None
     student: str | None = None
@@ -117,7 +117,7 @@ class SpecView:
 
 
 def spec_digest(spec: str) -> str:
-    """Return the hash of a spec (JSON with sorted keys); a run id ends with the first digits of the hash."""
+    """Return the SHA-256 of a spec (JSON with sorted keys), whose first digits end the run id."""
     return hashlib.sha256(spec.encode()).hexdigest()
 
 

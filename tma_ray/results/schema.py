@@ -47,7 +47,7 @@ DEFAULT: Final = b"default"  # key, in a column's metadata, of the default for o
 
 
 def default_of(field: pa.Field) -> Any:
-    """Return a column's value for rows older than the column, or raise a KeyError if it always existed."""
+    """Return the default of a column added later, for older rows, or raise a KeyError for other columns."""
     metadata = field.metadata or {}
     if DEFAULT in metadata:
         return json.loads(metadata[DEFAULT])

@@ -35,7 +35,7 @@ TRACES: Final = (
     layout.CHECKPOINTS,
     layout.STAGING,
 )
-"""Folders with files named after runs that have a manifest."""
+"""Folders of files that are named after runs and show that a run had a manifest."""
 
 _THREADS: Final = 16  # may exceed the number of cores, since threads mostly wait for the object store
 
@@ -45,7 +45,7 @@ class Damage:
     """Damage to one file of a results root.
 
     Attributes:
-        path: path of the file, from the results root.
+        path: path of the file, relative to the results root.
         problem: description of the damage.
         run_id: id of the run, empty for a file of several runs.
     """
@@ -126,9 +126,9 @@ class Inspector:
 def lost_manifests(
     store: Store, manifests: Collection[Manifest], damaged: Collection[str]
 ) -> dict[str, DamagedFileError]:
-    """Return an error for each lost manifest, by path.
+    """Return errors for lost manifests, by path.
 
-    A started run has lost its manifest if its row is done, or if a row or cell lists it and it has `TRACES`.
+    A manifest is lost if the run's row is done, or if a row or cell lists the run and it has `TRACES`.
 
     Args:
         store: store of the results root.
@@ -158,7 +158,7 @@ def lost_manifests(
 
 
 def _unknown_files(store: Store, table: Table, run_ids: Collection[str]) -> Iterator[str]:
-    """Yield those files of a table about runs that are not named after any of `run_ids`."""
+    """Yield the files of a table about runs, except files named after one of `run_ids`."""
     folder = f"{layout.TABLES}/{table}"
     names = sorted(_names(store, folder))
     yield from (f"{folder}/{name}" for name in names if name.removesuffix(".parquet") not in run_ids)
@@ -178,7 +178,7 @@ def _rows(store: Store, table: Table, path: str, columns: Sequence[str]) -> list
 
 
 def damage_reason(error: Exception, where: str) -> str:
-    """Return a description of the damage to the file `where`, given the `error` of reading it."""
+    """Return a description of the damage to the file `where`, given the error on reading it."""
     if isinstance(error, FileNotFoundError):
         return "it is missing"
     return str(error).removeprefix(f"{where} is damaged: ")
@@ -189,13 +189,13 @@ SPEC_FILE: Final = "spec.json"  # spec of the run, beside every saved policy
 
 @dataclass(frozen=True)
 class RootVerification:
-    """Findings of verifying a results root.
+    """Result of the verification of a results root.
 
     Attributes:
         runs: number of runs with a readable manifest.
         files: path and sha256 of each file in their manifests.
         damage: damage of the root.
-        unlisted: files of tables and policies of no run, which readers ignore.
+        unlisted: files of tables and policies that belong to no run; readers ignore them.
     """
 
     runs: int
@@ -249,7 +249,7 @@ def verify_root(store: Store) -> RootVerification:
 
 
 def _listed_twice(manifests: Iterable[Manifest]) -> Iterator[Damage]:
-    """Yield files, or rows of shared files, that are listed for two runs."""
+    """Yield the damage of files, or rows of shared files, that are listed for two runs."""
     claims: dict[str, list[tuple[int, int, str]]] = {}
     for manifest in manifests:
         for file in manifest.files:
@@ -264,7 +264,7 @@ def _listed_twice(manifests: Iterable[Manifest]) -> Iterator[Damage]:
 
 
 def _foreign_rows(store: Store, manifests: Iterable[Manifest]) -> Iterator[Damage]:
-    """Yield rows of shared files whose run id differs from that of their manifest."""
+    """Yield the damage of shared files with rows whose run id differs from their manifest's."""
     shared: dict[str, list[tuple[PartFile, str]]] = {}
     for manifest in manifests:
         for file in manifest.files:
@@ -291,7 +291,7 @@ def _tables_about_runs(store: Store) -> Iterator[Damage]:
 
 
 def _foreign_policies(store: Store, manifests: Iterable[Manifest]) -> Iterator[Damage]:
-    """Yield policies whose spec differs from that of their run."""
+    """Yield the damage of policies whose spec differs from their run's."""
     saved = set(store.files(layout.POLICIES))
     for manifest in manifests:
         path = f"{layout.policy_folder(manifest.run.run_id)}/{SPEC_FILE}"

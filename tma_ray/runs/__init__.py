@@ -1,4 +1,4 @@
-"""One training run, without Ray: the student, teacher, environment, evaluation and checkpoints."""
+"""Execution of single training runs, without Ray, with evaluations and checkpoints."""
 
 from tma_ray.runs.attempt import Attempt, run_locally
 from tma_ray.runs.cell import Cell, effective_spec

@@ -49,7 +49,7 @@ class Report:
     """Progress of an attempt, for the process that commits its results.
 
     Attributes:
-        record: row of the table of attempts, with the outcome lost.
+        record: row of the table of attempts, with the outcome "lost".
         status: step, speed and recent return of the run.
         parts: result files of the newest checkpoint; None before the first.
         node: id of the attempt's node, empty without a cluster.
@@ -149,7 +149,7 @@ class Attempt:
         return Report(self.record(AttemptOutcome.LOST), self.status(), self._parts)
 
     def record(self, outcome: AttemptOutcome) -> AttemptRecord:
-        """Return the row for the table of attempts if this attempt ended now with `outcome`."""
+        """Return the current row of this attempt in the table of attempts, with the given outcome."""
         return AttemptRecord(
             run_id=self.spec.run_id,
             attempt=self._number,
@@ -200,7 +200,7 @@ class Attempt:
         return run
 
     def _checkpoint(self, run: Run, should_stop: Callable[[], bool]) -> tuple[PartFile, ...]:
-        """Write the rows and the state, and return the parts written so far."""
+        """Write the new rows and a checkpoint, and return all parts so far."""
 
         def write() -> tuple[tuple[PartFile, ...], int]:
             accepted_manifest(self._store, self.spec.run_id, self._number)
@@ -238,7 +238,7 @@ class Attempt:
 
 
 LOGGER = "tma_ray"
-"""Name of the logger whose messages, with those of its children, are kept."""
+"""Name of the logger whose messages, and those of its children, are in the log."""
 
 
 class RunLog(logging.Handler):

@@ -8,7 +8,7 @@ from typing import Final
 PROBE_SECONDS: Final = 5.0  # longest wait for a connection to an address, s
 
 _HOST: Final = re.compile(r"[\w.-]+|[0-9a-fA-F:.]*:[0-9a-fA-F:.]+(%\w+)?")
-"""A host name, an IPv4 or an IPv6 address."""
+"""Pattern of a host name or an IP address."""
 
 
 def check_address(address: str) -> None:
@@ -19,7 +19,7 @@ def check_address(address: str) -> None:
             machine, which Ray finds itself.
 
     Raises:
-        ValueError: if it is not such an address.
+        ValueError: if the address is malformed.
         ConnectionError: if nothing listens there.
     """
     if address == "auto":
@@ -37,7 +37,7 @@ def host_and_port(address: str) -> tuple[str, int] | None:
     """Return the host and port of a cluster's head, or None for "auto".
 
     Raises:
-        ValueError: if it is not such an address.
+        ValueError: if the address is malformed.
     """
     if address == "auto":
         return None

@@ -34,25 +34,25 @@ OBJECT_STORE_BYTES: Final = 100_000_000
 """Size of the object store, in bytes: hardly anything passes through it, since results go to files."""
 
 CORE: Final = {"gcs_server": "head (GCS)", "raylet": "node manager (raylet)"}
-"""Names in messages of the processes that a Ray cannot do without, by their process names."""
+"""Display names of Ray's core processes by process name; Ray cannot work without them."""
 
 HEAD_CHECK_SECONDS: Final = 2.0  # time between two checks of a head, and longest wait for a connection, s
 END_SECONDS: Final = 3.0  # longest wait for processes to end, s
-MARK: Final = "made-by-tma_ray"  # file that marks our folders; folders without it are never removed
+MARK: Final = "made-by-tma_ray"  # marker file of this package's folders; no other folder is removed
 PREFIX: Final = "tma_ray-"  # prefix of these folders' names
 
 MAX_PARENT_BYTES: Final = (103 if sys.platform == "darwin" else 107) - len(
     f"/{PREFIX}12345678/ray/session_2026-01-01_00-00-00_123456_1234567/sockets/plasma_store"
 )
-"""Longest path of the folder that holds ours, in bytes: systems limit the paths of sockets."""
+"""Longest path of these folders' parent, in bytes: operating systems limit the paths of sockets."""
 
 
 TOKEN: Final = secrets.token_hex(32)
-"""Token shared by all Rays of this process, since Ray keeps the first that it reads."""
+"""Token of all local Ray instances of this process, since Ray caches the first token that it reads."""
 
 
 class LocalRayWatch:
-    """Watch over the processes of a Ray instance that this process starts afterwards."""
+    """Monitor of a local Ray instance's processes, created before Ray starts."""
 
     def __init__(self) -> None:
         self._unrelated = set(psutil.Process().children())
@@ -63,10 +63,10 @@ class LocalRayWatch:
         self._refreshed_at = -math.inf
 
     def refresh(self) -> None:
-        """Record new processes and the core processes that listen, which takes about 30 ms.
+        """Record new processes and the core processes with open ports, in about 30 ms.
 
-        Core processes are direct children: the node manager's own children have its name, too, until they
-        become workers, which may end at any time. A head that hangs after SIGTERM has closed its ports.
+        Core processes are direct children: children of the node manager share its name until they become
+        workers, which may end at any time. A head that hangs after SIGTERM has closed its ports.
         """
         self._refreshed_at = time.monotonic()
         self._started |= set(psutil.Process().children(recursive=True)) - self._unrelated
@@ -83,7 +83,7 @@ class LocalRayWatch:
                     self._closed.add(process)
 
     def failure_reason(self, patience: float = 0.0) -> str | None:  # noqa: ARG002  # losses show at once
-        """Return the core processes that have ended or closed their ports; see `Watched`."""
+        """Return a message that lists the lost core processes, or None; see `Watched`."""
         if time.monotonic() - self._refreshed_at >= HEAD_CHECK_SECONDS:
             self.refresh()
         core = list(self._core.items())  # a copy, since another thread may call `refresh`
@@ -96,7 +96,7 @@ class LocalRayWatch:
         )
 
     def kill(self) -> None:
-        """Kill Ray's remaining processes, some of which would otherwise live for minutes; see `Watched`."""
+        """Kill Ray's remaining processes, since some would outlive Ray by minutes; see `Watched`."""
         self.refresh()
         for process in self._core:
             with suppress(psutil.NoSuchProcess):
@@ -125,11 +125,11 @@ class LocalHead:
     known only to its processes. Its files are in a folder that only this user can open, and are removed.
 
     Raises:
-        HeadLostError: if Ray does not start; nothing of it is left.
+        HeadLostError: if Ray does not start; its processes have been killed.
     """
 
     def __init__(self, options: dict[str, Any]) -> None:
-        # Without one, Ray would write a token into the user's home.
+        # Without this variable, Ray would write a token into the user's home.
         os.environ.setdefault("RAY_AUTH_TOKEN", TOKEN)
         self._watch, self._left = LocalRayWatch(), False
         self._address, folder = "", private_folder()
@@ -173,7 +173,7 @@ class LocalHead:
             raise HeadLostError(reason)
 
     def failure_reason(self, patience: float = 0.0) -> str | None:
-        """Return the core processes that are gone, or None once `check` has raised; see `Watched`."""
+        """Return a message on lost core processes, or None once `check` has raised; see `Watched`."""
         return None if self._left else self._watch.failure_reason(patience)
 
     def kill(self) -> None:
@@ -181,7 +181,7 @@ class LocalHead:
         self._watch.kill()
 
     def close(self) -> None:
-        """Do nothing, since the watch has no thread."""
+        """Do nothing, since no thread polls this head."""
 
     def _clean(self, folder: Path) -> None:
         """Shut down Ray and remove its folder at interpreter exit, before Ray's own exit handler runs."""
@@ -219,7 +219,7 @@ def private_folder() -> Path | None:
 
 
 def _remove(folder: Path) -> None:
-    """Remove a marked folder, with its mark last so that an interrupted removal can be repeated."""
+    """Remove a marked folder, its marker file last so that an interrupted removal can be repeated."""
     if (folder / "ray").exists():
         shutil.rmtree(folder / "ray")
     (folder / MARK).unlink()
@@ -232,7 +232,7 @@ PATIENCE_SETTING: Final = "gcs_rpc_server_reconnect_timeout_s"
 """Ray setting: time without a head after which Ray silently ends every process of the cluster, s."""
 
 MARGIN_SECONDS: Final = 15.0
-"""Time before that at which the campaign ends itself, s: without a head, disconnecting takes about 8 s."""
+"""Time left for the campaign to end before Ray ends it, s: disconnecting takes about 8 s without a head."""
 
 WARNING_SECONDS: Final = 10.0  # silence of a head after which a warning is logged, s
 
@@ -242,8 +242,8 @@ logger = logging.getLogger(__name__)
 class JoinedHead:
     """Head of an existing cluster; a thread polls it for its nodes.
 
-    It is waited for as long as Ray itself waits (`PATIENCE_SETTING`): with fault tolerance it may come back,
-    and actors go on without it.
+    A campaign waits for a silent head nearly as long as Ray does (`PATIENCE_SETTING`): a fault-tolerant head
+    may come back, and actors continue without it.
     """
 
     def __init__(self) -> None:
@@ -280,7 +280,7 @@ class JoinedHead:
             )
 
     def failure_reason(self, patience: float) -> str | None:
-        """Return how long the head has been silent if that exceeds `patience`; see `Watched`."""
+        """Return a message if the head has been silent for over `patience` s, else None; see `Watched`."""
         silent = time.monotonic() - self._answered
         if silent <= patience:
             return None
@@ -312,8 +312,8 @@ class Connection:
 
     Attributes:
         head: watched head.
-        shipped: True if plug-ins were shipped; workers of an older connection must have them.
-        is_own: True if this process started the Ray: its workers run in the same installation.
+        shipped: True if plug-ins were shipped to the workers, which needs a new connection.
+        is_own: True if this process started Ray, whose workers then use the same installation.
     """
 
     head: Head
@@ -322,7 +322,7 @@ class Connection:
 
 
 _local: list[LocalHead] = []
-"""Private Ray of this process, if any: like Ray's connection, it outlives a campaign."""
+"""Private Ray instance of this process, if any; like Ray's connection, it outlives a campaign."""
 
 
 def connect(address: str | None, plugins: Sequence[PluginSource] = ()) -> Connection:

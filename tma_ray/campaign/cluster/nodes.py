@@ -15,7 +15,7 @@ from tma_ray.support.texts import counted
 
 
 def capacity(resources: Resources, nodes: Sequence[dict[str, Any]]) -> int:
-    """Return the number of runs that `nodes` can hold at once."""
+    """Return the number of runs that fit on `nodes` at once."""
     return sum(resources.fit_into(node["Resources"]) for node in nodes)
 
 
@@ -39,7 +39,7 @@ def working_nodes() -> list[dict[str, Any]]:
 def cluster_nodes(address: str, *, gpus: bool, autoscaling: bool) -> Nodes:
     """Return the nodes of a cluster, without joining it.
 
-    With `autoscaling` they are those to which it may grow, if its head runs on this machine.
+    With `autoscaling` and a head on this machine, these are the nodes to which the cluster may grow.
 
     Raises:
         ConnectionError: if no cluster answers at `address`, or it has another token.
@@ -61,7 +61,7 @@ def autoscaled_nodes(heads: Collection[str], *, gpus: bool) -> list[dict[str, fl
     """Return the nodes that the autoscaler on this machine may start, largest first.
 
     Args:
-        heads: addresses of its head.
+        heads: possible addresses of the cluster's head.
         gpus: True if runs use GPUs; otherwise the autoscaler starts no nodes with GPUs.
     """
     for process in psutil.process_iter(["cmdline"]):

@@ -1,4 +1,4 @@
-"""The protocol of a watched Ray head, and the exit of a process that loses its head."""
+"""Protocols of a monitored Ray head, and a context manager that ends a process on the head's loss."""
 
 import os
 import sys
@@ -11,35 +11,35 @@ from tma_ray.console.exit_codes import RAY_LOST
 
 
 class Watched(Protocol):
-    """A Ray cluster whose head is watched while a campaign runs."""
+    """Ray cluster whose head is monitored while a campaign runs."""
 
     def failure_reason(self, patience: float) -> str | None:
-        """Return why the head counts as lost after `patience` seconds of silence, or None if it does not."""
+        """Return the reason for a loss of the head, or None; it may be silent for `patience` seconds."""
 
     def kill(self) -> None:
-        """Kill Ray's remaining processes, without calling Ray, if this process has started Ray."""
+        """Kill Ray's remaining processes if this process started Ray; do not call Ray."""
 
 
 class Head(Watched, Protocol):
     """Head node of a Ray cluster; it runs the Global Control Store (GCS) that all other processes need."""
 
     def nodes(self) -> list[dict[str, Any]]:
-        """Return Ray's record of each live node, with "NodeID" and "Resources", without waiting for Ray."""
+        """Return Ray's records of live nodes, with "NodeID" and "Resources", without waiting for Ray."""
 
     def check(self) -> None:
-        """Check that the head is alive, at a cost low enough for every iteration of a loop.
+        """Check that the head is alive, fast enough for every iteration of a loop.
 
         Raises:
-            HeadLostError: if it is lost. This process is disconnected from Ray then.
+            HeadLostError: if the head is lost; this process is then disconnected from Ray.
         """
 
     def close(self) -> None:
-        """End the watch; this process stays connected to Ray."""
+        """Stop monitoring the head; this process stays connected to Ray."""
 
 
 PATIENCE_SECONDS: Final = 20.0  # silence of a head after which a campaign that has not begun gives up, s
 CHECK_SECONDS: Final = 1.0  # time between two checks, s
-GRACE_SECONDS: Final = 6.0  # time that a loop with its own check of the head has to end, s
+GRACE_SECONDS: Final = 6.0  # time for a loop with its own checks of the head to end, s
 
 NOT_BEGUN: Final = "no run had been started; give the same command again"
 

@@ -1,6 +1,6 @@
 """Wrappers around Ray's private API; no other module uses it.
 
-Each names the reason why the public API does not suffice, and the test that fails if Ray changes.
+Docstrings give the reason why the public API does not suffice, and the test that fails if Ray changes.
 """
 
 from collections.abc import Iterator
@@ -17,9 +17,9 @@ ALIVE: Final = 0  # state of a live node in the head's list
 
 
 def living_nodes() -> list[dict[str, Any]]:
-    """Return Ray's record of each live node.
+    """Return Ray's records of live nodes.
 
-    Without a head it waits until Ray ends this process. `ray.nodes` would start a Ray where there is none.
+    Without a head it blocks until Ray ends this process. `ray.nodes` would start Ray if none runs.
     Tested by ``tests/campaign/test_own_ray.py``.
     """
     nodes: list[dict[str, Any]] = state.node_table()  # type: ignore[no-untyped-call]
@@ -29,7 +29,7 @@ def living_nodes() -> list[dict[str, Any]]:
 def system_config() -> dict[str, Any]:
     """Return the settings with which the head was started.
 
-    Ray publishes no reader of them. Tested by ``tests/campaign/test_joined_head.py``.
+    Ray has no public function for them. Tested by ``tests/campaign/test_joined_head.py``.
     """
     settings: dict[str, Any] = state.get_system_config()  # type: ignore[no-untyped-call]
     return settings
@@ -38,7 +38,7 @@ def system_config() -> dict[str, Any]:
 def head_address(address: str) -> str:
     """Return the "host:port" of the head to which an `address` such as "auto" refers.
 
-    Only `ray.init` resolves it publicly, and connects. Tested by ``tests/campaign/test_joined_head.py``.
+    Publicly only `ray.init` resolves it, but also connects. Tested by ``tests/campaign/test_joined_head.py``.
 
     Raises:
         ConnectionError: if no head is found.
@@ -50,7 +50,7 @@ def head_address(address: str) -> str:
 def resources_at(head: str) -> list[dict[str, float]]:
     """Return the resources of each live node of a cluster, without joining it.
 
-    Publicly this takes the dashboard. Tested by ``tests/campaign/test_joined_head.py``.
+    The public API needs the dashboard. Tested by ``tests/campaign/test_joined_head.py``.
 
     Raises:
         ray.exceptions.RayError: if no head answers at this "host:port", or it has another token.
@@ -74,7 +74,7 @@ def loopback_only() -> Iterator[None]:
 
 
 def sockets_folder() -> Path:
-    """Return the folder of this node's sockets, which has a path short enough for a socket.
+    """Return Ray's folder for sockets on this node, whose path is short enough for sockets.
 
     Ray has no public name for it. Tested by ``tests/campaign/test_cohorts.py``.
     """

@@ -33,7 +33,7 @@ NODE_LABEL = "ray.io/node-id"  # label that Ray gives to every node
 
 
 def node_strategy(node: str, avoid: Sequence[str] = ()) -> Any:
-    """Return Ray's scheduling strategy for the node with an id, or for any, but preferably not `avoid`."""
+    """Return Ray's scheduling strategy for `node`, or, if "", for any node, preferably not in `avoid`."""
     if node:
         return NodeAffinitySchedulingStrategy(node, soft=False)
     others: Any = NotIn
@@ -41,7 +41,7 @@ def node_strategy(node: str, avoid: Sequence[str] = ()) -> Any:
 
 
 def launcher(kind: type, resources: Resources, strategy: Any, concurrent_calls: int) -> Any:
-    """Return a factory, called by ``remote``, of actors of class `kind` that Ray does not restart."""
+    """Return a factory of actors of class `kind`, which Ray does not restart; ``remote`` creates one."""
     remote: Any = ray.remote(kind)
     return remote.options(
         num_cpus=resources.cpus,
@@ -113,9 +113,9 @@ class RemoteTeacher:
 
 
 class SeedActor:
-    """Ray actor of one attempt, created by `launch`, that answers `report` and `request_stop` during `run`.
+    """Ray actor of one attempt at a run; `report` and `request_stop` may be called during `run`.
 
-    Ray does not restart it: each attempt has a number of its own, which the scheduler assigns.
+    Created by `launch`. Ray does not restart it, since a new attempt needs a new number from the scheduler.
     """
 
     def __init__(
@@ -171,7 +171,7 @@ class SeedActor:
 
 
 def reason_for_loss(error: Exception) -> str:
-    """Return the cause of a loss in one line, without Ray's details."""
+    """Return the cause of `error` in one line, without Ray's details."""
     lines = str(getattr(error, "cause", None) or error).splitlines()
     return " ".join(line for line in lines if not line.startswith("\t"))
 
@@ -204,7 +204,7 @@ class LearnerActor:
 
     @classmethod
     def launch(cls, settings: CohortSettings, resources: Resources, node: str) -> Any:
-        """Return the handle of a new learner on the node with a Ray id, or on any node for ""."""
+        """Return the handle of a new learner on the node with Ray id `node`, or on any node for ""."""
         return launcher(cls, resources, node_strategy(node), LEARNER_CALLS).remote(settings)
 
     def open(self) -> tuple[Learner, str]:
@@ -221,7 +221,7 @@ class LearnerActor:
         return self._learner, ray.get_runtime_context().get_node_id()
 
     def serve(self) -> None:
-        """Block until the learner fails, which several callers may do at once.
+        """Block until the learner fails; several callers may wait at once.
 
         Raises:
             MemoryError: if the device has too little memory. Players stay connected until this process ends.

@@ -23,7 +23,7 @@ class AttemptEnd:
         outcome: outcome of the attempt.
         files: canonical result files of a run that is done.
         reason: traceback of a failure, or one line on a loss.
-        without_fault: True for a loss that the run did not cause, which does not count.
+        without_fault: True for a loss that the run did not cause; such losses are not counted.
     """
 
     run_id: str
@@ -49,7 +49,7 @@ class Executor(Protocol):
     def poll(self, seconds: float, *, last: bool) -> Sequence[Report | AttemptEnd]:
         """Wait for at most `seconds`, and return new reports and ends of attempts.
 
-        The last report of an attempt comes before its end. With `last` no other run will start.
+        The last report of an attempt comes before its end. `last` is True if no other run will start.
 
         Raises:
             HeadLostError: if the cluster is lost, with all attempts.

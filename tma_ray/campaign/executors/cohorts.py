@@ -27,7 +27,7 @@ from tma_ray.support.component_names import base_name
 
 
 class StackKey(NamedTuple):
-    """Properties that runs must share in order to be stacked in one learner."""
+    """Properties that runs must share for a learner to train them in one batch (stack)."""
 
     student: str
     observation: int
@@ -69,7 +69,7 @@ ROW_BYTES = 4.2  # bytes per number of a transition, with each observation store
 def learner_resources(
     settings: ExecutionConfig, specs: Iterable[RunSpec], keys: Mapping[str, StackKey]
 ) -> Resources:
-    """Return the resources that the learner of a full cohort of `specs` needs; a GPU is taken whole."""
+    """Return the resources of the learner of a full cohort of `specs`, with whole GPUs."""
     replays = []
     for spec in specs:
         rows = min(int(spec.student_hyperparameters.get("buffer_size", 0)), spec.schedule.steps)
@@ -82,7 +82,7 @@ def learner_resources(
 
 
 def room_of(node: Mapping[str, float], settings: ExecutionConfig, learner: Resources) -> tuple[int, int]:
-    """Return how many learners a node with these resources holds, and how many players next to each."""
+    """Return the number of learners that fit on a node, and the number of players beside each learner."""
     player = settings.player
     whole = Resources(
         learner.cpus + settings.width * player.cpus,
@@ -101,7 +101,7 @@ def room_of(node: Mapping[str, float], settings: ExecutionConfig, learner: Resou
 
 
 def check_room(settings: ExecutionConfig, specs: Sequence[RunSpec], keys: Mapping[str, StackKey]) -> None:
-    """Check that some node can hold a learner and a run, since Ray would otherwise queue them forever.
+    """Check that a learner and a run fit on some node; without one, Ray would queue them forever.
 
     Raises:
         ValueError: if no node can.
@@ -146,7 +146,7 @@ class _Cohort:
     polled_at: float = field(default_factory=time.monotonic)
 
     def choose(self, waiting: Sequence[RunSpec], keys: Mapping[str, StackKey]) -> int | None:
-        """Return the index of the run that fits best, preferring runs of an existing stack."""
+        """Return the index of the run to start next, preferably one of an existing stack, or None."""
         if len(self.runs) >= self.max_runs:
             return None
         counts, new = Counter(self.runs.values()), None
@@ -244,7 +244,7 @@ class Cohorts:
             free += max_runs
 
     def _free_node(self) -> tuple[str, int] | None:
-        """Return a node with room for a learner ("" for a future node), and its number of players."""
+        """Return a node with room for a learner ("" for a future node) and its number of players, or None."""
         taken = Counter(cohort.node for cohort in self._cohorts)
         for node in self._head.nodes():
             learners, players = room_of(node["Resources"], self._settings, self._resources)
@@ -267,7 +267,7 @@ class Cohorts:
         cohort.report = cohort.actor.report.remote()
 
     def _lives(self, cohort: _Cohort) -> bool:
-        """Return True unless a learner has certainly ended, in which case the reason is logged."""
+        """Return False, and log the reason, if a learner has certainly ended."""
         if not _is_ready(cohort.ended):
             if cohort.unanswered < self._settings.unreachable_seconds:
                 return True
@@ -293,7 +293,7 @@ class Cohorts:
         return False
 
     def _narrow(self, cohort: _Cohort, error: MemoryError) -> None:
-        """Halve the width of future learners, so that this one's runs can continue."""
+        """Halve the width of future learners after one ran out of memory."""
         if cohort.width == 1:
             _warn(cohort, error)
             return
@@ -318,8 +318,8 @@ class Cohorts:
 def compilation(specs: Sequence[RunSpec]) -> bool | str:
     """Return the compilation mode of updates on a GPU, with autotuning if all matrix products use bfloat16.
 
-    With bfloat16 it doubles the speed, for minutes at the start. It chooses kernels by their time, so that
-    rounding depends on the machine and its cache, which smaller gains would not justify.
+    Autotuning takes minutes at the start and, with bfloat16, doubles the speed. It chooses kernels by their
+    measured time, so rounding depends on the machine and its cache; smaller gains would not justify that.
     """
     medium = all(spec.student_hyperparameters.get("matmul_precision") == "medium" for spec in specs)
     return True if medium else "default"

@@ -1,7 +1,7 @@
 """Storage at addresses that pyarrow or fsspec supports, such as ``https://…`` and ``hf://…``.
 
 File systems of fsspec raise different errors, and several report any failure as a missing file. Here a file
-is missing only if the server says so.
+is missing only if the server reports it.
 """
 
 from collections.abc import Callable, Iterator
@@ -172,7 +172,7 @@ def _size(file: Any) -> int:
 
 @contextmanager
 def _reached(where: str) -> Iterator[None]:
-    """Context manager that converts errors of all libraries.
+    """Context manager that converts the errors of any library into two kinds.
 
     Raises:
         FileNotFoundError: if the server reports a missing file.

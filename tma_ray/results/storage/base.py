@@ -31,16 +31,16 @@ Version: TypeAlias = Any  # opaque version of a file's content
 Stamp: TypeAlias = tuple[int | None, int | None]
 """Modification time (ns since 1970) and size (bytes) of a file, both None for anything else."""
 
-TEMPORARY: Final = "tmp"  # folder of temporary files, which `Store.temporary` names
+TEMPORARY: Final = "tmp"  # folder of temporary files; see `Store.temporary`
 
 _NOT_OURS: Final = re.compile(r"(^|/)\.|^lost\+found(/|$)")
-"""Names of foreign files, such as .DS_Store, ._name and .nfs files, and lost+found."""
+"""Pattern of the names of foreign files, such as .DS_Store, ._name and .nfs files, and lost+found."""
 
 FIRST_PAUSE: Final = 1.0  # pause after the first failure, s
 LONGEST_PAUSE: Final = 60.0  # longest pause between two attempts, s
 
 CONTINUES: Final = "what was published before is safe, and the same command continues from there"
-"""End of messages about failing storages."""
+"""End of messages about storage failures."""
 
 logger = logging.getLogger(__name__)
 
@@ -101,7 +101,7 @@ class Store(ABC):
         """Return the store of this kind at a folder or address."""
 
     def recorded(self, sha256: Mapping[str, str]) -> Self:
-        """Return this store, limited to files with recorded checksums (by path)."""
+        """Return a copy of this store that is limited to files with recorded checksums (by path)."""
         limited = copy.copy(self)
         limited._recorded = dict(sha256)
         return limited
@@ -112,7 +112,7 @@ class Store(ABC):
 
     def full_path(self, path: str) -> str:
         """Return the full path or key of `path`, or raise a ValueError if it lies outside of the root."""
-        parts = [part for part in path.split("/") if part not in ("", ".")]  # a PurePath takes 10 us
+        parts = [part for part in path.split("/") if part not in ("", ".")]  # a PurePath would take 10 us
         if not parts or path.startswith("/") or ".." in parts or "\\" in path:
             raise ValueError(f"path {path!r} does not stay inside the root {self}; give a relative one")
         return self._prefix + "/".join(parts)
@@ -147,7 +147,7 @@ class Store(ABC):
         self.write_bytes(path, json.dumps(asdict(record), indent=indent).encode())
 
     def read_parts(self, path: str, read: Callable[[Any], ResultT]) -> ResultT:
-        """Return the result of `read` for an open file, which must never be replaced."""
+        """Call `read` with an open file, and return its result; the file must never be replaced."""
         if self._recorded is None:
             return self._read_parts(path, read)
         if self._last[0] != path:  # cached, since several parts of a file may be read
@@ -170,11 +170,11 @@ class Store(ABC):
         return tuple(self.stamps(folder))
 
     def stamps(self, folder: str = "") -> dict[str, Stamp]:
-        """Return the `Stamp` of each of `files` below `folder`, sorted by path."""
+        """Return the stamps of all files below `folder`, sorted by path; see `files`."""
         return {path: stamp for path, stamp in self._stamps(folder).items() if not _NOT_OURS.search(path)}
 
     def temporary(self) -> str:
-        """Return a new path that marks a temporary file as ours."""
+        """Return a new path for a temporary file, marked as belonging to this root."""
         return f"{TEMPORARY}/{self._mark()}{uuid4().hex}"
 
     def is_temporary(self, path: str) -> bool:
@@ -240,7 +240,7 @@ class Store(ABC):
 
     @abstractmethod
     def _stamps(self, folder: str = "") -> dict[str, Stamp]:
-        """Return the `Stamp` of each file below `folder`, including hidden files, sorted by path."""
+        """Return the stamps of all files below `folder`, including hidden ones, sorted by path."""
 
     @abstractmethod
     def _read(self, path: str, most_bytes: int) -> bytes:
@@ -248,7 +248,7 @@ class Store(ABC):
 
     @abstractmethod
     def _read_parts(self, path: str, read: Callable[[Any], ResultT]) -> ResultT:
-        """Return the result of `read` for the open file."""
+        """Call `read` with the open file, and return its result."""
 
     @abstractmethod
     def _names(self, folder: str) -> set[str]:
@@ -289,14 +289,14 @@ def opened_ranges(fetch: Callable[[int, int], bytes], size: int) -> pa.PythonFil
 
 
 def growing_pause(failures: int, longest: float) -> float:
-    """Return the pause in seconds after a number of failures; it doubles with each, up to `longest`."""
+    """Return the exponentially growing pause after a number of failures, at most `longest`, s."""
     return min(FIRST_PAUSE * 2.0 ** min(failures - 1, 60), longest)
 
 
 def retry(
     action: Callable[[], ResultT], seconds: float, give_up: Callable[[], bool] = lambda: False
 ) -> ResultT:
-    """Return the result of `action`, repeating it for some time after each StorageError.
+    """Call `action`, again after every StorageError for a limited time, and return its result.
 
     Args:
         action: repeatable operation.

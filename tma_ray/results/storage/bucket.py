@@ -72,7 +72,7 @@ class BucketStore(Store, schemes=("s3", "gs")):
         """
         scheme, _, rest = uri.partition("://")
         start = re.split("[/?#]", rest)[0]
-        # a colon is enough, since the rest of a secret with a slash looks like a path
+        # colons are refused, too: after a slash, the rest of a secret would look like a path
         if "@" in start or ":" in start or "@" in uri.partition("?")[2]:
             raise ValueError(
                 f"a {scheme}:// root must not hold credentials, since roots are shown and logged: give "
@@ -271,7 +271,7 @@ def _open(scheme: str, bucket: str, options: Mapping[str, str]) -> Any:
 
 
 def _profile_credentials() -> Callable[[], dict[str, Any]] | None:
-    """Return a reader of a profile's keys in AWS's files, or None if obstore finds credentials itself."""
+    """Return a function that reads keys from AWS's files, or None if obstore finds credentials itself."""
     environment = os.environ.get
     if any(environment(name) for name in ("AWS_ACCESS_KEY_ID", "AWS_WEB_IDENTITY_TOKEN_FILE")):
         return None
@@ -306,7 +306,7 @@ def _profile(name: str) -> dict[str, str]:
 
 def _keys(profile: Mapping[str, str]) -> dict[str, Any]:
     """Return the keys of a profile for obstore, with their expiry."""
-    expires: Any = datetime.now(UTC) + timedelta(minutes=5)  # the files may be updated
+    expires: Any = datetime.now(UTC) + timedelta(minutes=5)  # then the files are read again
     if "aws_access_key_id" in profile:
         names = "aws_access_key_id", "aws_secret_access_key", "aws_session_token"
         key, secret, token = (profile.get(name) for name in names)

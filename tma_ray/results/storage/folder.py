@@ -44,12 +44,12 @@ _LACKS: Final = frozenset({errno.EINVAL, errno.ENOSYS, errno.ENOTSUP, errno.EOPN
 """Error numbers of operations that a file system lacks or forbids."""
 
 _NO_SYNC: Final = (_LACKS | {errno.EACCES, errno.EBADF, errno.EISDIR}) - {errno.EPERM}
-"""Error numbers of folders that cannot be opened or synced, which PostgreSQL ignores, too."""
+"""Error numbers on opening or syncing folders that are ignored, as in PostgreSQL."""
 
 CHECKOUT: Final = (".git", "pyproject.toml")  # files in the top folder of a source checkout
 
 LOCK_SECONDS: Final = 5.0  # longest wait for another process's lock, s
-FILE_ENDINGS: Final = (".json", ".parquet", ".safetensors", ".log")  # endings of files, not folders
+FILE_ENDINGS: Final = (".json", ".parquet", ".safetensors", ".log")  # suffixes of files, which no folder has
 
 
 class FolderStore(Store, schemes=("", "file")):
@@ -226,7 +226,7 @@ def explained_disk(where: str, kinds: Collection[int] | None = None) -> Iterator
 
 
 def write_file(target: Path, temporary: Path, data: bytes, *, exclusive: bool = False) -> bool:
-    """Write a file atomically through a `temporary` one, or return False if `exclusive` and it exists."""
+    """Write a file atomically by renaming a temporary one; return False if it exists and `exclusive`."""
     make_folder(target.parent)
     try:
         with temporary.open("wb") as file:
@@ -248,8 +248,8 @@ def write_file(target: Path, temporary: Path, data: bytes, *, exclusive: bool = 
 def _name_exclusively(temporary: Path, target: Path) -> None:
     """Rename a file to the new name `target`, or raise a FileExistsError.
 
-    File systems without hard links (FAT, exFAT, SMB, many in user space) first create an empty file, which is
-    replaced under the lock of the folder.
+    On file systems without hard links (FAT, exFAT, SMB, many in user space) an empty file is created first,
+    and replaced under the lock of the folder.
     """
     try:
         target.hardlink_to(temporary)
@@ -325,7 +325,7 @@ def links_out(base: str, path: str) -> bool:
 
 
 def stamps_below(base: str, folder: str) -> Iterator[tuple[str, Stamp]]:
-    """Yield the path from `base` and the `Stamp` of each file below `folder`.
+    """Yield the path (relative to `base`) and the `Stamp` of each file below `folder`.
 
     Stamps are empty for other entries: pipes, sockets and devices, broken or circular links, links out of
     `base`, folders named like files, and unreadable folders.
