@@ -12,7 +12,7 @@ from tma_ray.teachers.prioritised_replay import PrioritisedReplay
 
 @dataclass
 class ACCEL(PrioritisedReplay):
-    """Robust PLR whose further new tasks are edits of those just replayed.
+    """Robust PLR that also plays edited copies of the tasks just replayed.
 
     An edit moves random coordinates up, down or not at all; the edited task is played for its score. Other
     new tasks are uniform or, at high expert knowledge, from the initial Gaussian, since the method prefers to
@@ -51,20 +51,20 @@ class ACCEL(PrioritisedReplay):
         self.edited_: Task | None = None
 
     def sample(self) -> Task | Proposal:
-        """Return the edit of the task just replayed, if there is one, or else a task of robust PLR."""
+        """Return the edited copy of the task just replayed, if any, otherwise a task as in robust PLR."""
         if self.edited_ is None:
             return super().sample()
         task, self.edited_, self.replayed_ = self.edited_, None, None
         return Proposal(task, trains=False)
 
     def new_tasks(self, rng: np.random.Generator, count: int | None = None) -> Task:
-        """Return a task (d,) or `count` tasks (count, d); high knowledge draws from the initial Gaussian."""
+        """Return new tasks (d,) or (count, d), from the initial Gaussian at high knowledge."""
         if self.knowledge.level is KnowledgeLevel.HIGH:
             return self.knowledge.initial.sample(self.space, rng, count)
         return super().new_tasks(rng, count)
 
     def after_replay(self, task: Task) -> None:
-        """Edit `task` (d,) to get the task of the next episode."""
+        """Edit a copy of `task` (d,) for the next episode."""
         if self.rng.random() < self.edit_share:
             free = np.flatnonzero(self.space.width > 0)
             moved = task.astype(np.float64)

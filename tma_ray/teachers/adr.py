@@ -13,7 +13,7 @@ from tma_ray.teachers.numerics import draw_in_box
 
 
 class Boundary(NamedTuple):
-    """Face of the box: side 0 (lower) or 1 (upper) of a dimension."""
+    """Boundary of the box: side 0 (lower) or 1 (upper) of a dimension."""
 
     side: int
     dimension: int
@@ -21,7 +21,7 @@ class Boundary(NamedTuple):
 
 @dataclass
 class ADR(Teacher):
-    """Box of uniform tasks that grows from a single one, wherever the student does well on its boundary.
+    """Box of uniform tasks that grows from a single task where the student does well on its boundary.
 
     With probability `boundary_share` one coordinate of a task is set to a random boundary of the box, and the
     return is queued for that boundary. The mean of a full queue moves the boundary out at `expand_at` or
@@ -82,7 +82,7 @@ class ADR(Teacher):
         return task
 
     def observe(self, episode: Episode) -> None:
-        """Queue the return of a boundary's task, and move the boundary when its queue is full."""
+        """Queue the return if the task was on a boundary, and move the boundary when its queue is full."""
         if self.boundary_ is None:
             return
         queue = self.queues_.setdefault(self.boundary_, [])
@@ -111,7 +111,7 @@ class ADR(Teacher):
             self._log_box(mean_return)
 
     def _log_box(self, mean_return: float) -> None:
-        """Log the box; its score is the mean return that moved a boundary."""
+        """Log the box, with the mean return that moved a boundary as its score."""
         low, high = self.bounds_.copy()
         width = self.space.width
         shares = (high - low)[width > 0] / width[width > 0]

@@ -12,7 +12,7 @@ from tma_ray.teachers.numerics import Array
 
 
 class NearestReturn:
-    """History of tasks and returns with nearest-neighbour search.
+    """History of tasks and returns, with nearest-neighbour search.
 
     A kd-tree holds all but the latest rows, which are searched directly, and is rebuilt every `rebuild_every`
     rows. It depends on the rows alone, so that a loaded history gives the same results.
@@ -30,7 +30,7 @@ class NearestReturn:
         return self._count
 
     def add(self, task: Task, episodic_return: float) -> None:
-        """Append one row."""
+        """Append a task (d,) and its return."""
         if self._count == len(self._returns):
             self._tasks = np.concatenate([self._tasks, np.empty_like(self._tasks)])
             self._returns = np.concatenate([self._returns, np.empty_like(self._returns)])
@@ -40,7 +40,7 @@ class NearestReturn:
             self._build()
 
     def nearest(self, task: Task) -> float:
-        """Return the return of the task nearest in Euclidean distance."""
+        """Return the return on the task nearest to `task` (d,) in Euclidean distance."""
         assert self._count, "an empty history has no nearest task"
         recent = self._tasks[self._in_tree : self._count]
         distances = np.sum((recent - task) ** 2, axis=1)
@@ -73,12 +73,12 @@ class NearestReturn:
 
 
 class AbsoluteLearningProgress:
-    """ALP of each new task: |its return - the return of the nearest earlier task|.
+    """ALP of a new task: |its return - the return of the nearest earlier task|.
 
     Source: Portelas et al. 2019, section 4; the search is over the whole history in raw task units.
     """
 
-    MINIMUM_HISTORY = 5  # number of first tasks whose ALP is 0 (original release; the paper is silent)
+    MINIMUM_HISTORY = 5  # number of first tasks whose ALP is 0 (original release; not given in the paper)
 
     def __init__(self, size: int) -> None:
         self._history = NearestReturn(size)
@@ -114,5 +114,5 @@ class ALPGMM(MixtureTeacher):
         return (self.learning_progress_(episode.task, episode.episodic_return),)
 
     def progress_of(self, mixture: Mixture) -> Array:
-        """Return the mean ALP (k,) of each component."""
+        """Return the mean ALP (k,) of the components."""
         return mixture.means[:, -1].clip(min=0)

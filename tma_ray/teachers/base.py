@@ -20,7 +20,7 @@ from tma_ray.tasks import (
     TeacherUpdate,
 )
 
-PAPER_BUDGET = 20_000_000  # budget, in environment steps, for which default sizes and intervals are meant
+PAPER_BUDGET = 20_000_000  # budget, in environment steps, to which default sizes and intervals apply
 
 
 def for_budget(size: int, budget: int) -> int:
@@ -102,7 +102,7 @@ class Teacher(ABC):
 
     @classmethod
     def refusal(cls, space: TaskSpace) -> str:
-        """Return the reason why a task space exceeds the teacher's limits, or an empty text."""
+        """Return the reason why the teacher cannot use `space`, or an empty string."""
         if cls.most_dimensions is not None and space.size > cls.most_dimensions:
             return f"{cls.__name__} teaches in {cls.most_dimensions} dimensions at most, not {space.size}"
         if not cls.constant_dimensions and (space.width == 0).any():
@@ -115,10 +115,10 @@ class Teacher(ABC):
 
     @abstractmethod
     def sample(self) -> Task | Proposal:
-        """Return the next task, float32 (d,) in the space, or a `Proposal` from which nothing is learned."""
+        """Return the next task, float32 (d,) in the space, or a `Proposal` if the student must not learn."""
 
     def propose(self) -> Proposal:
-        """Return the result of `sample` as a proposal, for the loop that drives the teacher.
+        """Return the result of `sample` as a proposal; called by the training loop.
 
         Raises:
             ValueError: if a teacher without `wants_evaluations` proposes an episode without learning.
@@ -143,7 +143,7 @@ class Teacher(ABC):
         )
 
     def probe(self, count: int) -> Task:
-        """Return `count` tasks (count, d) without exploration; this leaves the state unchanged.
+        """Return `count` tasks (count, d) without exploration, leaving the state unchanged.
 
         By default, these are samples of a copy of the teacher.
         """
@@ -152,7 +152,7 @@ class Teacher(ABC):
         return np.stack([twin.propose().task for _ in range(count)])
 
     def probe_rng(self) -> np.random.Generator:
-        """Return a generator for probes that is derived from `rng` without changing `rng`."""
+        """Return a generator for probes, derived from `rng` without advancing it."""
         bit_generator = copy.deepcopy(self.rng.bit_generator)
         assert isinstance(bit_generator, np.random.PCG64)
         return np.random.Generator(bit_generator.jumped())
@@ -167,21 +167,21 @@ class Teacher(ABC):
         return updates
 
     def state(self) -> dict[str, Any]:
-        """Return the complete state, from which another process continues exactly after `load_state`."""
+        """Return the complete state, for `load_state` in another process."""
         learned = {name: value for name, value in vars(self).items() if name.endswith("_")}
         return copy.deepcopy({"learned": learned, "rng": self.rng.bit_generator.state})
 
     def load_state(self, state: dict[str, Any]) -> None:
-        """Restore a result of `state`, after a call to `start` with the same space and knowledge."""
+        """Restore a state returned by `state`; call `start` with the same space and knowledge first."""
         state = copy.deepcopy(state)
         vars(self).update(state["learned"])
-        self._updates = []  # updates logged by `start` were drained before the state was saved
+        self._updates = []  # those logged by `start` are already in the table
         self.rng.bit_generator.state = state["rng"]
 
 
 @dataclass
 class DistributionTeacher(Teacher):
-    """Teacher that samples its current task distribution."""
+    """Base class of teachers that sample tasks from a current distribution."""
 
     @abstractmethod
     def draw(self, rng: np.random.Generator, count: int) -> Task:

@@ -67,9 +67,9 @@ def make_teacher(name: str, hyperparameters: Mapping[str, Any] | None = None) ->
 
 
 def canonical_teacher(name: str, hyperparameters: Mapping[str, Any] | None = None) -> str:
-    """Return the unique name of a teacher, which includes hyper-parameters that differ from its defaults.
+    """Return the name of a teacher followed by the hyper-parameters that differ from its defaults.
 
-    Arguments and errors are those of `make_teacher`.
+    Equal teachers have equal names. Arguments and errors are those of `make_teacher`.
     """
     teacher = make_teacher(name, hyperparameters)
     return join_name(base_name(name), non_defaults(type(teacher), hyperparameters_of(teacher)))
@@ -86,7 +86,7 @@ def knows_enough(teacher: type[Teacher], level: KnowledgeLevel) -> bool:
 
 
 def check_limits(teacher: type[Teacher], name: str, space: TaskSpace) -> None:
-    """Check that a task space is within the limits declared by `teacher`.
+    """Check that `teacher` supports a task space.
 
     Raises:
         ValueError: if it has too many dimensions, a constant one, or a single task.
@@ -96,7 +96,7 @@ def check_limits(teacher: type[Teacher], name: str, space: TaskSpace) -> None:
 
 
 def effective_level(teacher: type[Teacher], name: str, level: KnowledgeLevel) -> KnowledgeLevel:
-    """Return the highest level, at most `level`, that makes a difference to `teacher`.
+    """Return the highest knowledge level that `teacher` distinguishes, up to `level`.
 
     Raises:
         ValueError: if `teacher` needs a higher level.

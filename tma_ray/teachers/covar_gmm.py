@@ -12,7 +12,7 @@ from tma_ray.teachers.numerics import Array
 
 
 class CovarianceProgress(StrEnum):
-    """Learning progress measured by the covariance of time and return.
+    """Measure of learning progress based on the covariance of time and return.
 
     Attributes:
         ABSOLUTE: absolute value, so that forgetting counts as much as learning.
@@ -53,7 +53,7 @@ class CovarGMM(MixtureTeacher):
         return self.episodes_ % self.fit_every / self.fit_every, episode.episodic_return
 
     def progress_of(self, mixture: Mixture) -> Array:
-        """Return each component's progress (k,), in units of the return."""
+        """Return the learning progress (k,) of the components, in units of the return."""
         covariance = mixture.covariances[:, -2, -1]
         if self.progress == CovarianceProgress.ABSOLUTE:
             return np.abs(covariance)

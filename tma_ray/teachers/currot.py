@@ -11,11 +11,14 @@ from tma_ray.tasks import Episode, ExpertKnowledge, KnowledgeLevel, Task, TaskSp
 from tma_ray.teachers.base import DistributionTeacher
 from tma_ray.teachers.numerics import Array, UnitBox, cloud_gaussian
 
-ROWS_AT_ONCE = 2_000  # rows of a prediction computed at once, to bound memory
+ROWS_AT_ONCE = 2_000  # rows predicted at once, to bound memory
 
 
 def assigned(sources: Array, targets: Array) -> NDArray[np.int64]:
-    """Return indices (n,) of targets (m, f), assigned to `sources` (n, f) at the least total distance."""
+    """Return the indices (n,) of the targets in an optimal assignment to `sources` (n, f).
+
+    It minimises the sum of squared distances. There are at least as many `targets` (m, f).
+    """
     from scipy.optimize import linear_sum_assignment  # deferred: listing teachers must not import scipy
     from scipy.spatial.distance import cdist
 
@@ -45,7 +48,7 @@ class Performance(NamedTuple):
         return np.concatenate(results).astype(np.float64)
 
 
-CANDIDATES, LINE_CANDIDATES = 20, 10  # per particle, in the ball around it and on the line to its target
+CANDIDATES, LINE_CANDIDATES = 20, 10  # per particle, in the ball around it, and on the line to its target
 
 
 def moved(
@@ -56,11 +59,11 @@ def moved(
     radius: float,
     rng: np.random.Generator,
 ) -> Array:
-    """Move `particles` (n, f) in the unit box as close to their `targets` (n, f) as performance allows.
+    """Move `particles` (n, f) towards their `targets` (n, f) where the expected return is high enough.
 
-    Candidates are points in a ball of `radius` around the particle, in the half towards its target if the
-    particle is expected to return at least `least`. The nearest candidate to the target with that return is
-    chosen, or the one of highest return if there is none.
+    Both are in the unit box. Candidates are points in a ball of `radius` around the particle, in the half
+    towards its target if the particle's expected return is at least `least`. The nearest candidate to the
+    target with such a return is chosen, or the one of highest expected return if there is none.
     """
     count, size = particles.shape
     ways = targets - particles
@@ -85,12 +88,12 @@ def moved(
     return positions
 
 
-WIDEST_NOISE = 0.25  # standard deviation of the noise around the worst task, as a share of each range
+WIDEST_NOISE = 0.25  # standard deviation added to the noise around the worst task, as a share of each range
 
 
 @dataclass
 class SuccessBuffer:
-    """Buffer of at most `capacity` tasks with high returns (authors' code).
+    """Buffer of the tasks with the highest returns (authors' code).
 
     Until their median reaches `least`, tasks of at least the median return replace the worst half. Afterwards
     successes replace failures, and a full buffer of successes keeps those in the optimal assignment to the
@@ -103,13 +106,13 @@ class SuccessBuffer:
     points: Array = field(init=False)  # coordinates of the tasks in [0, 1] (n, f)
     returns: Array = field(init=False)  # return of one episode per task (n,)
     reached: bool = field(init=False, default=False)  # True if the median has reached `least`
-    worst: float = field(init=False, default=np.inf)  # lowest return among the first tasks
+    worst: float = field(init=False, default=np.inf)  # lowest return of the first batch
 
     def __post_init__(self) -> None:
         self.points, self.returns = np.empty((0, self.size)), np.empty(0)
 
     def add(self, points: Array, returns: Array, targets: Array) -> NDArray[np.bool_]:
-        """Add the new tasks (k, f) with high returns, and return a mask (k,) of those left out.
+        """Add tasks with high returns, and return a mask (k,) of the tasks not added.
 
         Args:
             points: tasks (k, f).
@@ -137,7 +140,7 @@ class SuccessBuffer:
         return left_out
 
     def draw(self, rng: np.random.Generator, count: int, narrowest: float) -> Array:
-        """Draw `count` points (count, f) around the tasks, with more noise where the return is lower.
+        """Draw `count` points (count, f) around the stored tasks, with more noise around low returns.
 
         Noise around successes has the standard deviation `narrowest`, as a share of each range.
         """
@@ -211,7 +214,7 @@ class CURROT(DistributionTeacher):
         self.latest_ = np.empty((0, self._box.size + 1))
 
     def draw(self, rng: np.random.Generator, count: int) -> Task:
-        """Return `count` random particles (count, d) with a little noise."""
+        """Return `count` tasks (count, d) at random particles, with a little noise."""
         points = self.particles_[rng.integers(len(self.particles_), size=count)]
         return self._box.denormalise(points + JITTER * rng.uniform(-1, 1, points.shape))
 
@@ -232,7 +235,7 @@ class CURROT(DistributionTeacher):
         played = np.vstack([self.failures_[:, :-1], self.successes_.points])
         played_returns = np.append(self.failures_[:, -1], self.successes_.returns)
         performance = Performance(played, played_returns, self.kernel_width * self._radius)
-        # particles with low returns are first moved to successes
+        # particles with low expected returns first move near successes
         particles, low = self.particles_, performance(self.particles_) < self.least_return
         if low.any():
             successes = self.successes_.draw(self.rng, count, NARROWEST * self._radius)

@@ -21,7 +21,7 @@ from tma_ray.teachers.base import PAPER_BUDGET, DistributionTeacher, for_budget,
 from tma_ray.teachers.numerics import CONSTANT_STD, Array, UnitBox
 
 BOUNDARY_DISTANCE = (
-    1e-6  # least distance of points from the boundary of the box, where densities are 0 or infinite
+    1e-6  # smallest distance of points from the faces of the box, where densities are 0 or infinite
 )
 
 
@@ -33,18 +33,18 @@ class BetaProduct(NamedTuple):
 
     @classmethod
     def around(cls, mode: Array, concentration: float) -> "BetaProduct":
-        """Return the distribution with a `mode` (f,); at mode 1/2, both parameters are `concentration`."""
+        """Return the distribution with a `mode` (f,), and both parameters `concentration` at mode 1/2."""
         weight = 2 * (concentration - 1)
         return cls(1 + weight * mode, 1 + weight * (1 - mode))
 
     @classmethod
     def of_logs(cls, logs: Array) -> "BetaProduct":
-        """Return the distribution whose parameters have the logarithms `logs` (2f,)."""
+        """Return the distribution with the log parameters `logs` (2f,)."""
         return cls(*np.exp(logs).reshape(2, -1))
 
     @property
     def logs(self) -> Array:
-        """Logarithms of all parameters (2f,)."""
+        """Log parameters (2f,), those of alpha first."""
         return np.log(np.concatenate(self))
 
     @property
@@ -59,14 +59,14 @@ class BetaProduct(NamedTuple):
         return self.alpha * self.beta / (total**2 * (total + 1))
 
     def draw(self, rng: np.random.Generator, count: int) -> Array:
-        """Draw `count` points (count, f) by inversion, so that they are smooth in the parameters."""
+        """Draw `count` points (count, f) by inverse transform sampling, smooth in the parameters."""
         from scipy.special import betaincinv  # deferred, so that listing teachers does not import scipy
 
         shares = rng.random((count, len(self.alpha)))
         return np.asarray(betaincinv(self.alpha, self.beta, shares), dtype=np.float64)
 
     def entropy(self) -> tuple[float, Array]:
-        """Return the differential entropy in nats (at most 0), and its gradient in `logs` (2f,)."""
+        """Return the differential entropy in nats (at most 0), and its gradient (2f,) by `logs`."""
         from scipy.special import betaln, polygamma, psi
 
         alpha, beta, total = self.alpha, self.beta, self.alpha + self.beta
@@ -77,7 +77,7 @@ class BetaProduct(NamedTuple):
         return float((betaln(alpha, beta) + parts).sum()), gradient
 
     def divergence(self, other: "BetaProduct") -> tuple[float, Array]:
-        """Return KL(self || other) in nats, and its gradient in the logs of `other` (2f,)."""
+        """Return KL(self || other) in nats, and its gradient (2f,) by `other.logs`."""
         from scipy.special import betaln, psi
 
         alpha, beta, total = self.alpha, self.beta, self.alpha + self.beta
@@ -88,7 +88,7 @@ class BetaProduct(NamedTuple):
         return float(parts.sum()), -(np.stack(other) * (expected - other._mean_logs())).ravel()
 
     def log_densities(self, points: Array) -> tuple[Array, Array]:
-        """Return the log densities (n,) of `points` (n, f), and their gradients in `logs` (n, 2f)."""
+        """Return the log densities (n,) at `points` (n, f), and their gradients (n, 2f) by `logs`."""
         from scipy.special import betaln
 
         inside = np.clip(points, BOUNDARY_DISTANCE, 1 - BOUNDARY_DISTANCE)
@@ -99,20 +99,20 @@ class BetaProduct(NamedTuple):
         return values.sum(axis=1), gradients.reshape(len(points), -1)
 
     def _mean_logs(self) -> Array:
-        """Return the expectations (2, f) of log x and log (1 - x)."""
+        """Return the expected values (2, f) of log x and log (1 - x)."""
         from scipy.special import psi
 
         means: Array = psi(np.stack(self)) - psi(self.alpha + self.beta)
         return means
 
 
-Valued = Callable[[Array], tuple[float, Array]]  # function from parameters (p,) to value and gradient (p,)
-SLACK = 1e-4  # tolerance of the constraints, in nats or as a share
+Valued = Callable[[Array], tuple[float, Array]]  # log parameters (p,) to value and gradient (p,)
+SLACK = 1e-4  # tolerance of the constraints, in nats (divergence) or as a share (successes)
 
 
 @dataclass(frozen=True)
 class EntropyUpdate:
-    """Constrained optimisation problem that DORAEMON solves at each update."""
+    """Constrained optimisation problem of one update."""
 
     present: BetaProduct  # current distribution
     points: Array  # coordinates of the played tasks (n, f)
@@ -122,7 +122,7 @@ class EntropyUpdate:
     largest: float  # upper bound of the parameters; the lower bound is 1
 
     def solved(self) -> BetaProduct:
-        """Return the feasible distribution of highest entropy or, if none is feasible, of highest success."""
+        """Return the feasible distribution of highest entropy, or the one with most successes if none is."""
         start = self.present.logs
         if self.success(start)[0] < self.least_success:
             start = self._best(start, self.success, (), self.success(start)[0])
@@ -147,15 +147,15 @@ class EntropyUpdate:
         return float(weights.sum()), weights @ gradients
 
     def room(self, logs: Array) -> tuple[float, Array]:
-        """Return the margin between the divergence and its bound, and the gradient of the margin."""
+        """Return the bound on the divergence minus the divergence, and the gradient of the difference."""
         divergence, gradient = self.present.divergence(BetaProduct.of_logs(logs))
         return self.most_divergence - divergence, -gradient
 
     def _best(self, start: Array, goal: Valued, constraints: tuple[Valued, ...], least: float) -> Array:
-        """Return the feasible parameters with the highest `goal`, or `start` if that is at most `least`."""
+        """Return the feasible parameters that maximise `goal`, or `start` if no value exceeds `least`."""
         from scipy.optimize import minimize
 
-        solve: Any = minimize  # Any, since its stubs lack these constraints
+        solve: Any = minimize  # Any: scipy's type stubs lack these constraints
         all_constraints = (self.room, *constraints)
         result = solve(
             lambda logs: -goal(logs)[0],
@@ -176,7 +176,7 @@ class EntropyUpdate:
 
 @dataclass
 class DORAEMON(DistributionTeacher):
-    """Widens independent Beta distributions as long as the student masters enough of their tasks.
+    """Independent Beta distributions that widen as long as the student masters enough of their tasks.
 
     Every update maximises the entropy within a bound on the divergence from the old distribution, such that
     the expected share of mastered tasks, estimated by importance sampling from the episodes since the last
@@ -221,7 +221,7 @@ class DORAEMON(DistributionTeacher):
         for_budget(self.update_every, self.budget)
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
-        """Start around the mean of the initial Gaussian, or with the uniform distribution."""
+        """Start with a narrow distribution around the mean of the initial Gaussian, or a uniform one."""
         super().start(space, knowledge, rng)
         self._box = UnitBox(space)
         mode = np.clip(self._box.normalise(knowledge.initial.mean), 0.0, 1.0)
@@ -256,7 +256,7 @@ class DORAEMON(DistributionTeacher):
         self._log({"mastered_share": float(mastered.mean()), "step_divergence": step})
 
     def _log(self, scalars: dict[str, float]) -> None:
-        """Log the Gaussian with the same mean and variance, in task units."""
+        """Log a Gaussian with the distribution's mean and variance, in task units."""
         free, scale = self._box.free, self.space.width[self._box.free]
         mean, variance = self.space.centre.copy(), np.full(self.space.size, CONSTANT_STD**2)
         mean[free] = self.space.low[free] + scale * self.distribution_.mean

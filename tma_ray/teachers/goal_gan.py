@@ -15,7 +15,7 @@ from tma_ray.teachers.numerics import Array, UnitBox
 
 @dataclass
 class GoalGAN(Teacher):
-    """Generates tasks of intermediate difficulty with a generative adversarial network.
+    """Generative adversarial network of tasks of intermediate difficulty.
 
     A new task is played `rollouts` times in a row and labelled positive if its share of successes is in
     [`least_success`, `most_success`]. Positive tasks far from all others enter a buffer, the source of some
@@ -94,7 +94,7 @@ class GoalGAN(Teacher):
             self.log(TeacherUpdate(scalars={**losses, "buffer_size": 0.0}))
 
     def sample(self) -> Task:
-        """Return the current task (d,) until its rollouts are over, then one from the buffer or network."""
+        """Return the current task (d,) while it has rollouts left, then a task from the buffer or network."""
         if not self.rollouts_left_:
             self.new_ = not (len(self.buffer_) and self.rng.random() < self.old_share)
             point = self._generate(1, self.rng)[0] if self.new_ else self.rng.choice(self.buffer_)
@@ -103,7 +103,7 @@ class GoalGAN(Teacher):
         return self.task_.copy()
 
     def observe(self, episode: Episode) -> None:
-        """Count the success, label the task after its last rollout, and train the network when due."""
+        """Record the outcome, label the task after its last rollout, and train the network when due."""
         self.rollouts_left_ -= 1
         self.successes_ += episode.success
         if self.new_ and not self.rollouts_left_:
@@ -125,7 +125,7 @@ class GoalGAN(Teacher):
         return self.network_.generate(count, rng) + 0.5
 
     def _train(self) -> None:
-        """Train on the newly labelled tasks, if any of them is positive."""
+        """Train the network on the newly labelled tasks, if any is positive."""
         points = np.stack([point for point, _ in self.labelled_])
         positive = np.array([label for _, label in self.labelled_])
         scalars = {"wanted_share": float(positive.mean()), "buffer_size": float(len(self.buffer_))}

@@ -1,4 +1,4 @@
-"""LP-ACRL, a curriculum over the cells of a grid based on learning progress (Li, Li and Hutter 2026)."""
+"""LP-ACRL, a curriculum over grid cells based on learning progress (Li, Li and Hutter 2026)."""
 
 import math
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from tma_ray.teachers.numerics import UnitBox, draw_in_proportion, softmax
 
 
 def split_evenly(dimensions: int, most_cells: int) -> tuple[int, ...]:
-    """Return numbers of cells along `dimensions`, as equal as possible, with at most `most_cells` in all."""
+    """Return nearly equal numbers of cells per dimension, with a product of at most `most_cells`."""
     counts = [1] * dimensions
     while True:
         axis = counts.index(min(counts))
@@ -24,7 +24,7 @@ def split_evenly(dimensions: int, most_cells: int) -> tuple[int, ...]:
 
 @dataclass
 class LPACRL(DistributionTeacher):
-    """Samples the cells of a grid by the softmax of their learning progress from stage to stage.
+    """Grid of cells, sampled by a softmax of their learning progress between stages.
 
     The learning progress of a cell in stage j is R_j - R_{j-1}, with R_j the mean return in the cell. The
     next stage draws cells with the probabilities softmax(progress / temperature), and a uniform task of the
@@ -68,11 +68,11 @@ class LPACRL(DistributionTeacher):
         self.episodes_ = 0
 
     def draw(self, rng: np.random.Generator, count: int) -> Task:
-        """Return `count` tasks (count, d), each uniform in a random cell."""
+        """Return `count` tasks (count, d), uniform in cells drawn at random."""
         return np.stack([self._draw_task(rng) for _ in range(count)])
 
     def observe(self, episode: Episode) -> None:
-        """Record the return in its cell, and begin the next stage when this one is over."""
+        """Add the return to the task's cell, and begin the next stage when this one is over."""
         cell = self.cell_of(episode.task)
         self.sums_[cell] += episode.episodic_return
         self.visits_[cell] += 1

@@ -35,30 +35,30 @@ class Mixture:
         return len(self.weights)
 
     def draw(self, component: int, rng: np.random.Generator) -> Array:
-        """Draw a point (c,) of `component`."""
+        """Draw a point (c,) from a `component`, given by index."""
         factor = np.linalg.cholesky(self.covariances[component])
         drawn: Array = self.means[component] + factor @ rng.standard_normal(self.means.shape[1])
         return drawn
 
 
 NARROWEST, WIDEST = 2.0**-6, 2.0**12
-"""Widths of dimensions between which a mixture is fitted without scaling. scikit-learn adds 1e-6 to every
-variance, which dominates that of narrower dimensions and is rounded away in wider ones."""
+"""Smallest and largest width of a dimension that is fitted without scaling. scikit-learn adds 1e-6 to every
+variance, too much for narrower dimensions, and lost to rounding in wider ones."""
 
 
 def units_of(widths: Array) -> Array:
-    """Return the units (d,) in which dimensions with `widths` (d,) are fitted.
+    """Return the scale factors (d,) of dimensions with `widths` (d,) in a fit.
 
-    These are 1 or, for narrow and wide dimensions, the nearest power of two, which scales exactly.
+    These are 1 or, for narrow and wide dimensions, the nearest power of two, which does not round.
     """
     scaled = (widths > 0) & ((widths < NARROWEST) | (widths > WIDEST))
     return np.exp2(np.round(np.log2(widths, out=np.zeros_like(widths), where=scaled)))
 
 
 def fit_mixture(rows: Array, most_components: int, seed: int, units: Array | float = 1.0) -> Mixture:
-    """Fit full-covariance mixtures of 2 to `most_components` components, and return the one of lowest AIC.
+    """Return the mixture of lowest AIC among fits of 2 to `most_components` full-covariance components.
 
-    Each has one EM initialisation without warm start, and one thread, for reproducible bits.
+    Each fit has one initialisation without warm start, and one thread, for reproducible bits.
 
     Args:
         rows: data (n, c), to which at most n - 1 components are fitted.
@@ -72,7 +72,7 @@ def fit_mixture(rows: Array, most_components: int, seed: int, units: Array | flo
 
     sizes, rows = range(2, min(most_components, len(rows) - 1) + 1), rows / units
     with threadpool_limits(limits=1), warnings.catch_warnings():
-        # equal rows or few episodes leave components empty, and EM may then stop early
+        # with equal or few rows, components may be empty and EM not converge
         warnings.simplefilter("ignore", ConvergenceWarning)
         fits = [GaussianMixture(size, covariance_type="full", random_state=seed).fit(rows) for size in sizes]
         best = min(fits, key=lambda fit: float(fit.aic(rows)))
@@ -105,17 +105,17 @@ class MixtureTeacher(Teacher):
     explore: float = 0.05
 
     def __post_init__(self) -> None:
-        check_at_least(self, 3, "fit_every")  # rows needed by the smallest mixture
+        check_at_least(self, 3, "fit_every")  # rows that two components need
         check_at_least(self, 2, "most_components")
         check_shares(self, "explore")
 
     @abstractmethod
     def measure(self, episode: Episode) -> tuple[float, ...]:
-        """Return the values to append to the task of `episode`."""
+        """Return the values that are fitted together with the task of `episode`."""
 
     @abstractmethod
     def progress_of(self, mixture: Mixture) -> Array:
-        """Return the non-negative learning progress (k,) of each component."""
+        """Return the non-negative learning progress (k,) of the components."""
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
         """Start with an empty history."""
@@ -126,7 +126,7 @@ class MixtureTeacher(Teacher):
         self.mixture_: Mixture | None = None
 
     def sample(self) -> Task:
-        """Return a task (d,) from the bootstrap, from uniform exploration, or from the mixture."""
+        """Return a task (d,) from the mixture, a uniform one, or an initial one before the first fit."""
         if self.mixture_ is None:
             return self._bootstrap(self.rng)
         if self.rng.random() < self.explore:
@@ -134,7 +134,7 @@ class MixtureTeacher(Teacher):
         return self._exploit(self.mixture_, self.rng)
 
     def observe(self, episode: Episode) -> None:
-        """Store the task with its measured values, and fit a new mixture when one is due."""
+        """Store the task with its measured values, and fit a new mixture when due."""
         self.recent_.append(np.array([*episode.task, *self.measure(episode)], dtype=np.float64))
         self.episodes_ += 1
         if self.episodes_ % self.fit_every == 0:
@@ -142,7 +142,7 @@ class MixtureTeacher(Teacher):
             measured = np.ones(rows.shape[1] - self.space.size)
             units = np.concatenate([units_of(self.space.width), measured])
             self.mixture_ = fit_mixture(rows, self.most_components, self.fit_seed_, units)
-            # the logged weights are the components' shares of tasks
+            # logged weights are probabilities of the components, not those of the fit
             mixture, size, progress = self.mixture_, self.space.size, self.progress_of(self.mixture_)
             parts = zip(shares_of(progress), mixture.means, mixture.covariances, strict=True)
             gaussians = tuple(WeightedGaussian(float(w), m[:size], c[:size, :size]) for w, m, c in parts)
@@ -154,7 +154,7 @@ class MixtureTeacher(Teacher):
             self.log(TeacherUpdate(gaussians=gaussians, scalars=scalars))
 
     def probe(self, count: int) -> Task:
-        """Return `count` tasks (count, d) from the mixture, or from the bootstrap before it."""
+        """Return `count` tasks (count, d) from the mixture, or initial ones before the first fit."""
         rng = self.probe_rng()
         if self.mixture_ is None:
             return np.stack([self._bootstrap(rng) for _ in range(count)])

@@ -1,4 +1,4 @@
-"""Networks of Goal-GAN and Setter-Solver; no other module of teachers imports torch."""
+"""Neural networks of Goal-GAN and Setter-Solver, the only teachers that import torch."""
 
 import math
 from collections.abc import Iterator
@@ -22,7 +22,7 @@ def torch_generator(rng: np.random.Generator) -> torch.Generator:
 
 def linear(inputs: int, outputs: int, dtype: torch.dtype, generator: torch.Generator) -> nn.Linear:
     """Return a layer with uniform Xavier weights (Glorot and Bengio 2010) and zero bias."""
-    layer = nn.Linear(inputs, outputs, device="meta", dtype=dtype)  # avoids drawing default weights
+    layer = nn.Linear(inputs, outputs, device="meta", dtype=dtype)  # skips the default initialisation
     layer.weight, layer.bias = (
         nn.Parameter(torch.empty(parameter.shape, dtype=dtype)) for parameter in (layer.weight, layer.bias)
     )
@@ -42,7 +42,7 @@ def descend(optimiser: torch.optim.Optimizer, loss: torch.Tensor) -> None:
 
 @contextmanager
 def single_thread() -> Iterator[None]:
-    """Use one thread inside the block, for reproducible bits."""
+    """Context in which torch uses one thread, for reproducible bits."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
@@ -55,11 +55,11 @@ GENERATOR_UNITS = 256
 DISCRIMINATOR_UNITS = 128
 LEAK = 0.1
 
-SMOOTHING = 0.9  # of RMSProp's mean square: TensorFlow 1's default, as in the original release (torch: 0.99)
+SMOOTHING = 0.9  # RMSProp's decay: TensorFlow 1's default, as in the original release (torch: 0.99)
 
 
 class LeastSquaresGAN:
-    """Pair of a generator of points in [-1, 1] and a discriminator of positive points.
+    """Generative adversarial network of points in [-1, 1], trained on points labelled as positive or not.
 
     Source: Florensa et al. 2018, section 4.2, after Mao et al. 2017: the discriminator is trained towards +1
     on positive, and -1 on negative and generated points, the generator towards an output of +1. Layers are
@@ -123,7 +123,7 @@ class LeastSquaresGAN:
         return torch.from_numpy(rng.standard_normal((count, self._size), dtype=np.float32))
 
 
-DTYPE = torch.float64  # single precision is too low for the inverse, in which the couplings' scales multiply
+DTYPE = torch.float64  # float32 is too imprecise for the inverse, which multiplies the couplings' scales
 
 BLOCKS = 3
 GATED_LAYERS = 3
@@ -159,7 +159,9 @@ class HighwayNetwork(nn.Module):
 
 
 class AffineCoupling(nn.Module):
-    """Coupling that scales and shifts some coordinates by functions of the others and a condition.
+    """Affine coupling layer, which scales and shifts some coordinates depending on the others.
+
+    Scale and shift are functions of the other coordinates and a condition.
 
     Untrained, it is the identity: with usual initial weights, each coupling would scale by a third, and all
     of them map to nearly a point. `moved` is a mask (d,) of the coordinates that change.
@@ -174,12 +176,12 @@ class AffineCoupling(nn.Module):
         self._shift_network = HighwayNetwork(inputs, hidden, outputs, 0.0, generator)
 
     def forward(self, points: torch.Tensor, condition: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Transform `points` (n, d), and return them with the log-determinant (n,) of the Jacobian."""
+        """Transform `points` (n, d), and return them with the Jacobian's log-determinants (n,)."""
         scale, shift = self._scale_and_shift(points, condition)
         return self._replaced(points, points[:, self._moved] * scale + shift), scale.log().sum(dim=1)
 
     def inverse(self, points: torch.Tensor, condition: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Invert `forward` at `points` (n, d), and also return its log-determinant (n,)."""
+        """Invert `forward` at `points` (n, d), and return the log-determinants (n,) of `forward` too."""
         scale, shift = self._scale_and_shift(points, condition)
         return self._replaced(points, (points[:, self._moved] - shift) / scale), scale.log().sum(dim=1)
 
@@ -196,7 +198,7 @@ class AffineCoupling(nn.Module):
 
 
 class RealNVP(nn.Module):
-    """Density over the unit box for every condition in (0, 1).
+    """Normalising flow to the unit box, conditioned on a number in (0, 1).
 
     Sources: Dinh et al. 2017 (couplings), Racaniere et al. 2020, appendix (three blocks of three couplings:
     by halves, by the other halves, interlaced); scales, highway networks and precision from the original
@@ -216,7 +218,7 @@ class RealNVP(nn.Module):
         )
 
     def forward(self, latents: torch.Tensor, condition: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the points (n, d) of `latents` (n, d), and their log-density (n,) under `condition` (n,)."""
+        """Map `latents` (n, d) to points (n, d), and return them with their log-densities (n,)."""
         points, log_density = latents, _standard_log_density(latents)
         for coupling in self._couplings:
             points, log_determinant = coupling(points, condition)
@@ -225,7 +227,7 @@ class RealNVP(nn.Module):
         return torch.sigmoid(clipped), log_density - _log_slope(clipped)
 
     def inverse(self, points: torch.Tensor, condition: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the latents (n, d) of clamped `points` (n, d), and their log-density (n,)."""
+        """Map `points` (n, d) to latents (n, d), and return them with the points' log-densities (n,)."""
         latents = torch.logit(points.clamp(FACE_DISTANCE, 1 - FACE_DISTANCE))
         log_density = -_log_slope(latents)
         for coupling in reversed(self._couplings):
@@ -239,7 +241,7 @@ _LIMIT = math.log((1 - FACE_DISTANCE) / FACE_DISTANCE)
 
 
 def slow_softplus(inputs: torch.Tensor) -> torch.Tensor:
-    """Return x (atan(x) / pi + 1/2) + 1/pi, a positive approximation of max(0, x)."""
+    """Return x (atan(x) / pi + 1/2) + 1/pi, a smooth positive approximation of max(0, x)."""
     return inputs * (torch.atan(inputs) / math.pi + 0.5) + 1 / math.pi
 
 
@@ -258,7 +260,7 @@ JUDGE_UNITS = 64
 def new_networks(
     size: int, hidden_units: int, learning_rate: float, rng: np.random.Generator
 ) -> tuple[nn.Sequential, RealNVP, torch.optim.Optimizer, torch.optim.Optimizer]:
-    """Return an untrained judge and setter for `size` dimensions with their optimisers."""
+    """Return an untrained judge and setter for tasks of `size` dimensions, with their optimisers."""
     seeded = torch_generator(rng)
     layers: list[nn.Module] = []  # three hidden layers (paper, appendix A)
     for inputs in (size, JUDGE_UNITS, JUDGE_UNITS):
@@ -274,7 +276,7 @@ def new_networks(
 def propose(
     setter: RealNVP, latents: NDArray[np.float64], feasibility: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the setter's points (n, d) for latents (n, d) and desired feasibilities (n,)."""
+    """Return the setter's points (n, d) for latents (n, d) and requested feasibilities (n,)."""
     with single_thread(), torch.no_grad():
         points, _ = setter(torch.from_numpy(latents), torch.from_numpy(feasibility))
     proposed: NDArray[np.float64] = points.numpy()
@@ -287,7 +289,7 @@ def update_judge(
     points: NDArray[np.float64],
     solved: NDArray[np.bool_],
 ) -> float:
-    """Take one step of the judge on points (n, d) and successes (n,), and return its loss."""
+    """Train the judge by one step on points (n, d) with outcomes (n,), and return its loss."""
     with single_thread(), torch.enable_grad():
         logits = judge(torch.from_numpy(points))[:, 0]
         successes = torch.from_numpy(solved).to(DTYPE)
@@ -303,7 +305,7 @@ def update_setter(
     proposed: tuple[NDArray[np.float64], NDArray[np.float64]],
     valid: tuple[NDArray[np.float64], NDArray[np.bool_]],
 ) -> dict[str, float]:
-    """Take one step of the setter, and return its losses.
+    """Train the setter by one step, and return its losses.
 
     `proposed` are latents (n, d) and requested feasibilities (n,), `valid` are solved tasks with noise (m, d)
     and their mask (n,) among the proposed.

@@ -1,4 +1,4 @@
-"""Numerics shared by teachers: random choices, scaling, and Gaussians fitted to tasks."""
+"""Numerical functions of several teachers: random choices, scaling, and Gaussians fitted to tasks."""
 
 from contextlib import AbstractContextManager
 from functools import cache
@@ -12,13 +12,13 @@ from tma_ray.tasks import Task, TaskSpace, WeightedGaussian
 Array = NDArray[np.float64]
 
 
-@cache  # finding the libraries takes a hundred times as long as setting their threads
+@cache  # cached: finding the libraries takes a hundred times as long as setting their threads
 def _libraries() -> ThreadpoolController:
     return ThreadpoolController()
 
 
 def one_thread() -> AbstractContextManager[object]:
-    """Context manager that limits numpy's matrix products to one thread, so that bits are reproducible.
+    """Context in which numpy's matrix products use one thread, for reproducible bits.
 
     Libraries loaded after its first use are not limited: with scipy or scikit-learn, use the slower
     `threadpoolctl.threadpool_limits`.
@@ -28,7 +28,7 @@ def one_thread() -> AbstractContextManager[object]:
 
 
 def draw_in_proportion(scores: ArrayLike, rng: np.random.Generator) -> int:
-    """Draw an index in proportion to non-negative `scores` (k,), uniformly if all are 0."""
+    """Draw an index with a probability in proportion to non-negative `scores` (k,), uniform if all are 0."""
     cumulative = np.cumsum(scores)
     total = cumulative[-1]
     if total <= 0:
@@ -48,7 +48,7 @@ def softmax(scores: Array, temperature: float) -> Array:
     return np.asarray(weights / weights.sum(), dtype=np.float64)
 
 
-LOWEST_RETURN, HIGHEST_RETURN = -150.0, 350.0  # range of returns to scale on Stump Tracks (original release)
+LOWEST_RETURN, HIGHEST_RETURN = -150.0, 350.0  # range of returns on Stump Tracks (original release)
 
 
 def scaled_returns(returns: Array, lowest: float, highest: float) -> Array:
@@ -63,17 +63,17 @@ def scaled_returns(returns: Array, lowest: float, highest: float) -> Array:
 
 
 def draw_in_box(space: TaskSpace, box: Array, rng: np.random.Generator) -> Task:
-    """Draw a uniform task (d,) from a `box` in `space`, given by its lower and upper corners (2, d)."""
+    """Draw a uniform task (d,) from a `box` (2, d), given by its lower and upper corners."""
     low, high = box
     return space.clip(low + rng.random(space.size) * (high - low))
 
 
 class UnitBox:
-    """Free dimensions of a task space, scaled to [0, 1].
+    """Transform of tasks to the unit box, which leaves out constant dimensions.
 
     Attributes:
-        free: True for dimensions with width (d,).
-        size: number f of free dimensions.
+        free: mask of the dimensions that are not constant (d,).
+        size: number f of these dimensions.
 
     Raises:
         ValueError: if no dimension of the space has width.
@@ -90,7 +90,7 @@ class UnitBox:
             )
 
     def normalise(self, tasks: ArrayLike) -> Array:
-        """Return the free coordinates (..., f) of `tasks` (..., d)."""
+        """Return `tasks` (..., d) as points (..., f) of the unit box."""
         return self._space.normalise(tasks)[..., self.free]
 
     def denormalise(self, points: Array) -> Task:
@@ -100,13 +100,13 @@ class UnitBox:
         return self._space.denormalise(tasks)
 
 
-# standard deviations of a Gaussian fitted to tasks
-LEAST_STD_SHARE = 1e-3  # added in each dimension, as a share of its range: a single task has none
-CONSTANT_STD = 1e-3  # for dimensions without width, in task units
+# smallest standard deviations of a Gaussian fitted to tasks
+LEAST_STD_SHARE = 1e-3  # as a share of a dimension's range, so that a single task has a Gaussian
+CONSTANT_STD = 1e-3  # for constant dimensions, in task units
 
 
 def cloud_gaussian(space: TaskSpace, tasks: Task, weights: Array | None = None) -> WeightedGaussian:
-    """Return the Gaussian with mean and covariance of `tasks` (n, d) with optional `weights` (n,)."""
+    """Return the Gaussian with the mean and covariance of `tasks` (n, d), with optional `weights` (n,)."""
     points = tasks.astype(np.float64)
     shares = np.full(len(points), 1 / len(points)) if weights is None else weights / weights.sum()
     mean = shares @ points

@@ -24,14 +24,15 @@ MOST_STEPS, SMALLEST_STEP = 50, 1e-8  # stopping criteria of Newton's method
 
 
 class ResponseModel(NamedTuple):
-    """Item-response model with an ability a per window and difficulties d = features @ weights.
+    """Item-response model of the student's ability and the tasks' difficulty.
 
-    A response y in [0, 1] has the log-likelihood y log p + (1 - y) log (1 - p), with p = sigmoid(a - d).
+    A response y in [0, 1] has the log-likelihood y log p + (1 - y) log (1 - p), with p = sigmoid(a - d), an
+    ability a per window of episodes, and the difficulty d = features @ weights.
     """
 
-    ability_std: float = 3.0  # prior standard deviation around 0 of the first ability
-    drift_std: float = 0.5  # prior standard deviation of the change of ability from one window to the next
-    weight_std: float = 3.0  # prior standard deviation around 0 of each weight
+    ability_std: float = 3.0  # standard deviation of the first ability's prior
+    drift_std: float = 0.5  # prior standard deviation of changes in ability between windows
+    weight_std: float = 3.0  # standard deviation of a weight's prior
 
     def fit(self, features: Array, windows: NDArray[np.int64], responses: Array) -> tuple[Array, Array]:
         """Return the maximum a posteriori abilities (k,) and weights (m,).
@@ -53,7 +54,7 @@ class ResponseModel(NamedTuple):
 
 
 def _most_probable(design: Array, responses: Array, precision: Array) -> Array:
-    """Fit the parameters (p,) of a logistic regression with a Gaussian prior, using Newton's method."""
+    """Return the most probable parameters (p,) of a logistic regression with a Gaussian prior."""
 
     def loss(parameters: Array) -> float:
         logits = design @ parameters
@@ -76,7 +77,7 @@ def _most_probable(design: Array, responses: Array, precision: Array) -> Array:
 
 @dataclass
 class PERM(Teacher):
-    """Proposes tasks as difficult as the student is able, by an item-response model of both.
+    """Tasks whose difficulty matches the student's ability, both estimated by an item-response model.
 
     The model explains returns, scaled to [0, 1], by the student's ability minus the difficulty of the task.
     It is fitted to the latest windows of episodes, each with its own ability. Difficulty is a sum of bumps in
@@ -121,7 +122,7 @@ class PERM(Teacher):
         for_budget(self.window_episodes, self.budget)
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
-        """Place the bumps (features of the difficulty), and start with uniform tasks."""
+        """Draw the centres of the bumps, and start with uniform tasks."""
         super().start(space, knowledge, rng)
         self._box = UnitBox(space)
         self._window = for_budget(self.window_episodes, self.budget)
@@ -132,7 +133,7 @@ class PERM(Teacher):
         self.ability_ = 0.0
 
     def sample(self) -> Task:
-        """Return a task (d,) that suits the ability, or a uniform one."""
+        """Return a task (d,) of suitable difficulty, or a uniform one."""
         if self.rng.random() < self.explore:
             return self.space.sample(self.rng)
         return self._suitable(self.rng)
@@ -145,12 +146,12 @@ class PERM(Teacher):
             self._fit()
 
     def probe(self, count: int) -> Task:
-        """Return `count` tasks (count, d) that suit the ability."""
+        """Return `count` tasks (count, d) of suitable difficulty."""
         rng = self.probe_rng()
         return np.stack([self._suitable(rng) for _ in range(count)])
 
     def features(self, points: Array) -> Array:
-        """Return the centred heights (n, m) of the bumps at `points` (n, f) in the unit box."""
+        """Return the values (n, m) of the bumps, minus their means, at `points` (n, f) in the unit box."""
         from scipy.spatial.distance import cdist  # deferred, so that listing teachers does not import scipy
         from scipy.special import ndtr
 

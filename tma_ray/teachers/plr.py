@@ -8,7 +8,7 @@ from tma_ray.teachers.prioritised_replay import PrioritisedReplay
 
 @dataclass
 class PLR(PrioritisedReplay):
-    """Replays tasks by the rank of their score and by staleness; new tasks are uniform, and train, too.
+    """Prioritised replay of tasks by score rank and staleness; the student also learns from new tasks.
 
     Source: Jiang et al. 2021a, algorithm 1, with the buffer and the scores of 2021b, appendix C.
     """
@@ -18,7 +18,7 @@ class PLR(PrioritisedReplay):
 
 @dataclass
 class RobustPLR(PrioritisedReplay):
-    """PLR whose student learns from replays alone: new tasks are played to be scored.
+    """PLR in which the student learns only from replayed tasks; new tasks are only scored.
 
     Source: Jiang et al. 2021b, algorithm 1. About half of the budget's steps train.
     """

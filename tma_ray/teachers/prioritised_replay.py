@@ -24,7 +24,7 @@ from tma_ray.teachers.numerics import Array, cloud_gaussian
 
 
 class Score(StrEnum):
-    """Estimates of a task's regret from an episode (Jiang et al. 2021b, section 4.1 and appendix).
+    """Estimators of a task's regret from an episode (Jiang et al. 2021b, section 4.1 and appendix).
 
     If values include entropy bonuses (SAC), rewards do, too.
     """
@@ -54,7 +54,7 @@ def positive_value_loss(trajectory: Trajectory, values: Array, gae_lambda: float
     return float(np.maximum(advantages, 0.0).mean())
 
 
-NEGLIGIBLE_WEIGHT = 1e-9  # weight below which a sum over lengths ends
+NEGLIGIBLE_WEIGHT = 1e-9  # smallest weight of an n-step advantage in the average
 
 
 def negative_advantage(trajectory: Trajectory, values: Array, gae_lambda: float) -> float:
@@ -77,7 +77,7 @@ def negative_advantage(trajectory: Trajectory, values: Array, gae_lambda: float)
         longer = np.minimum(before + trajectory.gamma**length * errors[length:], 0.0)
         total += weight * float(
             (longer - before).sum()
-        )  # the longest sum gets the weights of all longer ones
+        )  # the longest possible sum also has the weights of longer ones
         sums[: len(longer)] = longer
     return -total / len(errors)
 
@@ -118,7 +118,7 @@ class TaskBuffer:
         self.mastered = np.empty(0, dtype=np.bool_)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Restore a buffer; in checkpoints older than the field `mastered`, no task counts as mastered."""
+        """Restore a buffer; checkpoints without the later field `mastered` have no mastered task."""
         vars(self).update({"mastered": np.zeros(len(state["tasks"]), dtype=np.bool_)} | state)
 
     def __len__(self) -> int:
@@ -126,11 +126,11 @@ class TaskBuffer:
 
     @property
     def filled(self) -> float:
-        """Share of the capacity that is filled."""
+        """Filled share of the capacity."""
         return len(self) / self.capacity
 
     def chances(self) -> Array:
-        """Return the replay probability of each task (k,)."""
+        """Return the replay probabilities (k,) of the tasks."""
         ranks = np.empty(len(self))
         ranks[np.argsort(-self.scores, kind="stable")] = np.arange(1, len(self) + 1)
         by_score = ranks ** (-1 / self.temperature)
@@ -140,7 +140,7 @@ class TaskBuffer:
         return chances
 
     def draw(self, rng: np.random.Generator, count: int) -> NDArray[np.int64]:
-        """Draw the slots (count,) of tasks to replay, leaving staleness unchanged."""
+        """Draw the indices (count,) of tasks to replay, leaving staleness unchanged."""
         cumulative = np.cumsum(self.chances())
         slots: NDArray[np.int64] = np.searchsorted(
             cumulative, rng.random(count) * cumulative[-1], side="right"
@@ -159,7 +159,7 @@ class TaskBuffer:
         self.scores[slot], self.best[slot], self.mastered[slot] = score, best, mastered
 
     def offer(self, task: Task, score: float, best: float, mastered: bool = False) -> int | None:
-        """Add `task` (d,) unless the one it would replace scores higher, and return its slot or None."""
+        """Add `task` (d,) and return its slot, or return None if the task to replace scores higher."""
         if len(self) < self.capacity:
             self.tasks = np.vstack([self.tasks, task])
             added = (self.scores, score), (self.staleness, 0.0), (self.best, best)
@@ -179,7 +179,7 @@ LOG_EVERY = 100  # number of episodes between two log rows
 
 @dataclass
 class PrioritisedReplay(Teacher):
-    """Teacher that plays new tasks, and replays those with the highest scores from a buffer.
+    """Teacher that plays new tasks, and replays high-scoring ones from a buffer.
 
     Sources: Jiang et al. 2021a (prioritised level replay) and 2021b (replay-guided adversarial environment
     design). Defaults are those of the authors' runs on a walker with continuous parameters (Parker-Holder et
@@ -225,7 +225,7 @@ class PrioritisedReplay(Teacher):
         super().start(space, knowledge, rng)
         size = for_budget(self.buffer_size, self.budget)
         self.buffer_ = TaskBuffer(space.size, size, self.temperature, self.staleness_share)
-        self.replayed_: int | None = None  # slot of the current task if it is a replay
+        self.replayed_: int | None = None  # slot of the current task in a replay
         self.episode_: Episode | None = None
         self.trajectory_: Trajectory | None = None
         self.episodes_ = 0
@@ -245,14 +245,14 @@ class PrioritisedReplay(Teacher):
         return self.space.sample(rng, count)
 
     def observe(self, episode: Episode) -> Query:
-        """Request the trajectory, which the score needs."""
+        """Request the episode's trajectory, to score the task."""
         self.episode_, self.episodes_ = episode, self.episodes_ + 1
         if self.replayed_ is not None and (self.buffer_.tasks[self.replayed_] != episode.task).any():
-            self.replayed_ = None  # an overlapping episode has put another task there
+            self.replayed_ = None  # the slot now has another task, added by an overlapping episode
         return Query(QueryKind.TRAJECTORY)
 
     def answer(self, answer: Trajectory | Array) -> Query | None:
-        """Store the trajectory, or score the task using the values of the states."""
+        """Store the trajectory and request its state values, or score the task with these values."""
         if isinstance(answer, Trajectory):
             self.trajectory_ = answer
             valued = answer.observations[:1] if self.score is Score.MAX_MC else answer.observations
@@ -271,10 +271,10 @@ class PrioritisedReplay(Teacher):
         return tasks
 
     def after_replay(self, task: Task) -> None:
-        """Respond to the replay of `task` (d,) after it has been scored; does nothing by default."""
+        """Hook called after the replay of `task` (d,) has been scored; does nothing by default."""
 
     def estimate(self, trajectory: Trajectory, values: Array, best: float, mastered: bool) -> float:
-        """Return the score of a task.
+        """Return the score of a task after an episode.
 
         Args:
             trajectory: trajectory of an episode of the task.
@@ -289,7 +289,7 @@ class PrioritisedReplay(Teacher):
         return positive_value_loss(trajectory, values, self.gae_lambda)
 
     def count_in(self, episode: Episode, values: Array) -> int | None:
-        """Score the task of `episode` using the `values` of its states, and return its slot or None."""
+        """Score the task of `episode` with its state `values`, and return its slot, if it has one."""
         best, slot, trajectory = episode.discounted_return, self.replayed_, self.trajectory_
         mastered = episode.success
         assert trajectory is not None, "its states have been valued"

@@ -20,18 +20,18 @@ from tma_ray.teachers.numerics import (
     softmax,
 )
 
-MOST_EPISODES = 2_000  # number of latest episodes from which values are estimated, to bound the time
+MOST_EPISODES = 2_000  # largest number of episodes in an estimate of values, to bound its time
 
 
 def similarity(points: Array, targets: Array, reach: float) -> Array:
-    """Return exp(-distance / reach) (m, n) of `targets` (m, f) and `points` (n, f)."""
+    """Return the similarities exp(-distance / reach) (m, n) of `targets` (m, f) and `points` (n, f)."""
     from scipy.spatial.distance import cdist  # deferred, so that listing teachers does not import scipy
 
     return np.asarray(np.exp(-cdist(targets, points) / reach), dtype=np.float64)
 
 
 def proximity(values: Array, target_values: Array, similarities: Array) -> Array:
-    """Return the scores (n,) of tasks, high for those neither too easy nor too hard and near such a target.
+    """Return the scores (n,) of tasks, high for tasks of medium difficulty near targets of medium difficulty.
 
     The score of a task c is the maximum of V(c) (1 - V(c)) V(t) (1 - V(t)) k(c, t) over targets t.
 
@@ -46,7 +46,7 @@ def proximity(values: Array, target_values: Array, similarities: Array) -> Array
 
 @dataclass
 class ProCuRLTarget(DistributionTeacher):
-    """Samples a pool of tasks by the softmax of their proximity to the student and to the target tasks.
+    """Pool of tasks, sampled by a softmax of their difficulty score and similarity to target tasks.
 
     The score of a task is its `proximity`. Values are expected returns, scaled to [0, 1] and estimated by
     kernel averages of the returns since the last update. Before the first update tasks are uniform.
@@ -90,7 +90,7 @@ class ProCuRLTarget(DistributionTeacher):
         for_budget(self.update_every, self.budget)
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
-        """Start with a pool of tasks that are equally likely."""
+        """Start with a pool of equally likely tasks."""
         super().start(space, knowledge, rng)
         self._box = UnitBox(space)
         self.tasks_: list[Task] = []

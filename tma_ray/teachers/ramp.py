@@ -1,4 +1,4 @@
-"""Hand-made schedule from easy tasks to all tasks, an upper reference."""
+"""Hand-made schedule from easy tasks to the target distribution, a reference for teachers."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -23,7 +23,7 @@ LOG_EVERY = 100  # number of episodes between two log rows
 
 @dataclass
 class Ramp(DistributionTeacher):
-    """Gaussian that moves steadily from the initial to the target distribution, whatever the student masters.
+    """Gaussian that moves from the initial to the target distribution on a fixed schedule.
 
     Mean and standard deviation change linearly until environment step `steps`; later tasks come from the
     target distribution. It is a reference for the gain of a curriculum whose difficulty lies along the axes.

@@ -11,7 +11,7 @@ from tma_ray.teachers.base import DistributionTeacher
 
 @dataclass
 class Random(DistributionTeacher):
-    """Uniform tasks of the task space (paper, appendix A); no expert knowledge changes them."""
+    """Uniform tasks of the task space, without expert knowledge (paper, appendix A)."""
 
     overlapping: ClassVar[bool] = True
     algorithm_version: ClassVar[int | None] = 1

@@ -24,7 +24,7 @@ class Cut(NamedTuple):
 
 @dataclass(frozen=True)
 class Split:
-    """Cut of a region, and the indices of its left and right parts."""
+    """Cut of a region, with the indices of its left and right parts."""
 
     cut: Cut
     left: int
@@ -74,7 +74,7 @@ class Region:
     def add(self, task: Task, episodic_return: float) -> None:
         """Append an episode, replacing the oldest one if the region is full."""
         if not self.returns:
-            self._origin = episodic_return  # subtracted from all returns, so that equal ones give exactly 0
+            self._origin = episodic_return  # subtracted, so that equal returns give exactly 0
         self.tasks.append(task)
         self.returns.append(episodic_return)
         self._sums.append(self._sums[-1] + (episodic_return - self._origin))
@@ -91,7 +91,7 @@ class Region:
         return self.tasks[int(np.argmin(self.returns))]
 
     def parts(self, cut: Cut) -> tuple["Region", "Region"]:
-        """Return the regions to the left and right of `cut`, each with its episodes."""
+        """Return the regions to the left and right of `cut`, with their episodes."""
         capacity = self.returns.maxlen
         assert capacity is not None
         left, right = Region(self.bounds.copy(), capacity), Region(self.bounds.copy(), capacity)
@@ -105,7 +105,7 @@ class Region:
 def best_cut(
     region: Region, attempts: int, fewest: int, smallest: Array, rng: np.random.Generator
 ) -> Cut | None:
-    """Return the best of `attempts` random cuts of `region`, or None if none is valid.
+    """Return the highest-scoring of `attempts` random cuts of `region`, or None without a valid one.
 
     The score of a cut is |ALP left - ALP right| times the numbers of episodes left and right (Portelas et
     al. 2019, appendix; Baranes and Oudeyer 2009). Each part must keep at least the `fewest` episodes and the
@@ -126,10 +126,10 @@ def best_cut(
 def random_cuts(
     bounds: Array, tasks: Task, count: int, fewest: int, rng: np.random.Generator
 ) -> tuple[NDArray[np.intp], NDArray[np.float32]]:
-    """Return the dimensions and thresholds of `count` random cuts; empty if too many tasks coincide.
+    """Return the dimensions and thresholds of `count` random cuts, empty if there is no valid cut.
 
-    Dimensions, and thresholds in the box `bounds` (2, d), are uniform given that each part keeps the `fewest`
-    of the tasks (n, d). Such thresholds lie between two order statistics, so that none is rejected.
+    They are uniform in the box `bounds` (2, d), given that both parts keep at least the `fewest`
+    of the tasks (n, d). Such thresholds lie between two order statistics.
     """
     ordered = np.sort(tasks, axis=0)
     least, most = ordered[fewest - 1], np.nextafter(ordered[-fewest], np.float32(-np.inf))
@@ -144,7 +144,7 @@ def random_cuts(
 
 
 def cut_scores(left: NDArray[np.bool_], returns: Array) -> Array:
-    """Return the scores (c,) of cuts whose left parts hold the episodes `left` (c, n), oldest first."""
+    """Return the scores (c,) of cuts; the masks `left` (c, n) are of the episodes in the left parts."""
     populations = left.sum(axis=1) * (~left).sum(axis=1)
     difference = _progress(left, returns) - _progress(~left, returns)
     scores: Array = populations * np.abs(difference)
@@ -152,7 +152,7 @@ def cut_scores(left: NDArray[np.bool_], returns: Array) -> Array:
 
 
 def _progress(members: NDArray[np.bool_], returns: Array) -> Array:
-    """Return `Region.progress` (c,) of parts that hold the episodes `members` (c, n)."""
+    """Return the learning progress (c,) of parts, given masks of their episodes `members` (c, n)."""
     count = members.sum(axis=1)
     later = count // 2
     earlier = count - later
@@ -164,8 +164,8 @@ def _progress(members: NDArray[np.bool_], returns: Array) -> Array:
 
 
 # divisors of the capacity of a region (original release)
-KEPT_BY_PARTS = 20  # gives the smallest number of episodes in a part
-FORGOTTEN = 4  # gives the number of episodes dropped by a full region without a valid cut
+KEPT_BY_PARTS = 20  # for the smallest number of episodes in a part
+FORGOTTEN = 4  # for the number of episodes that a full region drops without a valid cut
 
 
 @dataclass
@@ -242,7 +242,7 @@ class RIAC(Teacher):
         if self.regions_[path[-1]].full:
             self._cut(path[-1])
         self.episodes_since_log_ += 1
-        # logs at most one box per episode on average, to bound the log
+        # at most one box per episode on average, to limit the size of the log
         if self.episodes_since_log_ >= max(self.region_capacity, len(self.regions_)):
             self.episodes_since_log_ = 0
             parts = list(zip(self.regions_, self.progress_, strict=True))
@@ -252,7 +252,7 @@ class RIAC(Teacher):
             self.log(TeacherUpdate(boxes=boxes, scalars=scalars))
 
     def probe(self, count: int) -> Task:
-        """Return `count` tasks (count, d), each uniform in a region chosen by ALP."""
+        """Return `count` tasks (count, d), uniform in regions chosen by ALP."""
         rng = self.probe_rng()
         return np.stack([self._exploit(rng) for _ in range(count)])
 

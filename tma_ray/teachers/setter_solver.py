@@ -25,7 +25,7 @@ class Proposals:
 
 @dataclass
 class SetterSolver(Teacher):
-    """A setter proposes tasks of a feasibility asked for; a judge learns how feasible tasks are.
+    """Setter network that proposes tasks of requested feasibility, as predicted by a judge network.
 
     Both networks take one optimisation step every `update_every` episodes. The judge learns to predict
     successes. The setter learns to propose tasks with the requested feasibility according to the judge
@@ -79,7 +79,7 @@ class SetterSolver(Teacher):
         return task
 
     def observe(self, episode: Episode) -> None:
-        """Store the success, and update both networks at the end of the batch."""
+        """Record the outcome, and update both networks at the end of the batch."""
         self.successes_.append(episode.success)
         if len(self.successes_) == self.update_every:
             from tma_ray.teachers.networks import update_judge, update_setter
@@ -98,11 +98,11 @@ class SetterSolver(Teacher):
             self._begin_batch()
 
     def probe(self, count: int) -> Task:
-        """Return `count` tasks (count, d) from the setter, for uniformly drawn feasibilities."""
+        """Return `count` tasks (count, d) from the setter, for uniform random feasibilities."""
         return self._box.denormalise(self._propose(count, self.probe_rng()).points)
 
     def _begin_batch(self) -> None:
-        """Draw all tasks until the next update."""
+        """Draw all tasks up to the next update."""
         self.batch_ = self._propose(self.update_every, self.rng)
         self.successes_: list[bool] = []
 

@@ -23,7 +23,7 @@ from tma_ray.teachers.numerics import cloud_gaussian
 
 @dataclass
 class SFL(Teacher):
-    """Tasks of highest learnability among random ones, which are evaluated now and then.
+    """Tasks of highest learnability, found by regular evaluations of random tasks.
 
     The learnability of a task that the student masters with frequency p is p (1 - p). After the first
     episode, and then every `refresh_every` episodes, the student plays `rollouts` episodes of each of
@@ -58,7 +58,7 @@ class SFL(Teacher):
 
     def __post_init__(self) -> None:
         check_at_least(self, 1, "candidates", "kept", "refresh_every")
-        check_at_least(self, 2, "rollouts")  # a single episode gives learnability 0
+        check_at_least(self, 2, "rollouts")  # with a single one, p (1 - p) is always 0
         check_shares(self, "buffer_share")
         for_budget(self.kept, self.budget)
 

@@ -10,12 +10,12 @@ from tma_ray.tasks import Episode, ExpertKnowledge, Task, TaskSpace
 from tma_ray.teachers.base import Teacher
 from tma_ray.teachers.numerics import UnitBox
 
-BLOCK_SIZE = 256  # number of points computed at once: a power of 2, so that each block is balanced
+BLOCK_SIZE = 256  # points computed at once; only a power of 2 gives balanced blocks
 
 
 @dataclass
 class Sobol(Teacher):
-    """Scrambled Sobol sequence of tasks: uniform, without the gaps and clusters of chance.
+    """Scrambled Sobol sequence of tasks, which covers the space more evenly than random tasks.
 
     Sources: Sobol 1967; direction numbers of Joe and Kuo 2008, scrambling of Matousek 1998, as in scipy.
     """

@@ -46,28 +46,28 @@ class FullGaussian:
         return float(squares / 2 - np.log(np.diag(seen.factor)).sum())
 
     def log_ratio(self, points: Array) -> Array:
-        """Return the log density (n,) at `points` (n, d) minus that of the standard Gaussian."""
+        """Return the log density (n,) at `points` (n, d) minus the standard Gaussian's."""
         gained = (points**2).sum(axis=1) - (self.whiten(points) ** 2).sum(axis=1)
         ratio: Array = gained / 2 - np.log(np.diag(self.factor)).sum()
         return ratio
 
     def whiten(self, points: Array) -> Array:
-        """Transform `points` (n, d) to coordinates in which this is the standard Gaussian."""
+        """Transform `points` (n, d) to coordinates in which this Gaussian is the standard one."""
         whitened: Array = solve_triangular(self.factor, (points - self.mean).T, lower=True).T
         return whitened
 
     def seen_from(self, frame: "FullGaussian") -> "FullGaussian":
-        """Return this Gaussian in coordinates in which `frame` is the standard Gaussian."""
+        """Transform this Gaussian to coordinates in which `frame` is the standard Gaussian."""
         factor: Array = solve_triangular(frame.factor, self.factor, lower=True)
         return FullGaussian(frame.whiten(self.mean[None])[0], factor)
 
     def placed_in(self, frame: "FullGaussian") -> "FullGaussian":
-        """Transform back from the coordinates of `frame`; inverse of `seen_from`."""
+        """Transform this Gaussian back from the coordinates of `frame`; inverse of `seen_from`."""
         return FullGaussian(frame.mean + frame.factor @ self.mean, frame.factor @ self.factor)
 
 
-LARGEST_LOG_WEIGHT = 50.0  # cap on log importance weights, which keeps the objective finite
-SMALLEST_GRADIENT = 1e-10  # gradient length below which nothing is updated (original release)
+LARGEST_LOG_WEIGHT = 50.0  # bound on log importance weights, to keep the objective finite
+SMALLEST_GRADIENT = 1e-10  # smallest gradient norm of an update (original release)
 
 
 def self_paced_update(
@@ -78,9 +78,10 @@ def self_paced_update(
     penalty: float,
     most_divergence: float,
 ) -> FullGaussian:
-    """Return the distribution that maximises E[V] - penalty * KL(new || target) along the natural gradient.
+    """Return the update of `current` that maximises E[V] - penalty * KL(new || target).
 
-    It keeps the bound on KL(current || new). The expectation is estimated by importance weights.
+    It is a line search along the natural gradient, within a bound on KL(current || new). The expectation is
+    estimated by importance weights.
 
     Sources: Klink et al. 2020, algorithm 1. The original release takes the same direction, up to 1.5 times
     the bound. Unlike there, the mean of the values is subtracted before weighting: this changes no
@@ -95,8 +96,8 @@ def self_paced_update(
         penalty: weight of the divergence from the target, at least 0 (paper: alpha).
         most_divergence: bound of the step in nats (paper: epsilon).
     """
-    with threadpool_limits(limits=1):  # to give reproducible bits
-        # change to coordinates in which the current distribution is the standard Gaussian
+    with threadpool_limits(limits=1):  # for reproducible bits
+        # in coordinates in which the current distribution is the standard Gaussian
         points, gains, seen = current.whiten(contexts), values - values.mean(), target.seen_from(current)
         shift, spread = _natural_gradient(points, gains, seen, penalty)
         if not (shift.any() or spread.any()):
@@ -120,7 +121,7 @@ def self_paced_update(
         far = 1e-3
         while excess(far) < 0:
             far *= 2
-        reach = float(brentq(excess, 0.0, far)) * (1 - 1e-9)  # just within the bound
+        reach = float(brentq(excess, 0.0, far)) * (1 - 1e-9)  # rounding must not exceed the bound
         within = float(minimize_scalar(loss, bounds=(0.0, reach), method="bounded").x)
         return moved(min((0.0, within, reach), key=loss)).placed_in(current)
 
@@ -128,7 +129,7 @@ def self_paced_update(
 def _natural_gradient(
     points: Array, gains: Array, target: FullGaussian, penalty: float
 ) -> tuple[Array, Array]:
-    """Return the direction of the natural gradient at the standard Gaussian, or 0 if there is no slope.
+    """Return the normalised natural gradient at the standard Gaussian, or zeros if it vanishes.
 
     It has unit length, and consists of a shift of the mean (d,) and a change of the factor (d, d), with
     logarithms on its diagonal. The Fisher information is 2 for these, and 1 for all other entries.
@@ -146,13 +147,13 @@ def _natural_gradient(
     return shift / length, spread / length
 
 
-MOST_CONTEXTS = 1000  # number of latest episodes used by an update (original release; the paper is silent)
-LARGEST_PENALTY = 1e5  # alpha for a distribution that equals its target (original release)
+MOST_CONTEXTS = 1000  # largest number of episodes in an update (original release; not given in the paper)
+LARGEST_PENALTY = 1e5  # upper bound of alpha, reached near the target distribution (original release)
 
 
 @dataclass
 class SPDL(DistributionTeacher):
-    """Gaussian that moves from an initial to a target distribution, at the pace of the student's values.
+    """Gaussian that moves from an initial to a target distribution as the student's state values rise.
 
     Every update maximises the mean value of the tasks' initial states minus a penalty for the divergence from
     the target, within a bound on the divergence from the old Gaussian. The weight alpha of the penalty is
@@ -224,7 +225,7 @@ class SPDL(DistributionTeacher):
         return Query(QueryKind.STATE_VALUES, np.stack([observation for _, observation in self.contexts_]))
 
     def answer(self, answer: Array) -> None:
-        """Update the Gaussian using the values (n,) of the stored episodes' initial states."""
+        """Update the Gaussian with the values (n,) of the stored episodes' initial states."""
         old, performance = self.distribution_, float(np.mean(self.discounted_returns_))
         penalty = self._penalty(performance)
         contexts = self._box.normalise(np.stack([task for task, _ in self.contexts_]))
@@ -254,7 +255,7 @@ class SPDL(DistributionTeacher):
         return FullGaussian(self._box.normalise(gaussian.mean), np.diag(deviations))
 
     def _log(self, scalars: dict[str, float]) -> None:
-        """Log the Gaussian in task units, with constant dimensions as in the initial Gaussian."""
+        """Log the Gaussian in task units; constant dimensions keep the initial Gaussian's values."""
         free, initial = self._box.free, self.knowledge.initial
         scale = self.space.width[free]
         mean, covariance = initial.mean.copy(), np.diag(initial.variance)

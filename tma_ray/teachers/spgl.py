@@ -1,4 +1,4 @@
-"""SPGL, self-paced Gaussian curriculum learning in closed form (Ardakani and Song 2026)."""
+"""SPGL, self-paced Gaussian curriculum learning with closed-form updates (Ardakani and Song 2026)."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ RIDGE = 1.0  # weight, in episodes, of the prior that returns do not depend on t
 
 
 def quadratic_fit(points: Array, returns: Array) -> tuple[Array, Array]:
-    """Return the gradient (f,) and curvature (f, f) at 0 of a quadratic ridge regression.
+    """Return the gradient (f,) and Hessian (f, f) at 0 of a quadratic ridge regression.
 
     Args:
         points: points (n, f), in coordinates of unit scale.
@@ -35,21 +35,21 @@ def quadratic_fit(points: Array, returns: Array) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, eq=False)
 class ClosedForm:
-    """Closed-form update of a Gaussian for a quadratic model of returns, in the current Gaussian's frame.
+    """Closed-form update of a Gaussian, given a quadratic model of returns.
 
     The Gaussian q with a `weight` maximises E_q[J] - penalty KL(q || target) - weight KL(q || current), where
-    J has gradient g and curvature H at 0, and the current distribution is the standard Gaussian. Its
+    J has gradient g and Hessian H at 0, and the current distribution is the standard Gaussian. Its
     precision is (penalty P + weight I - H) / (penalty + weight), and its mean the inverse precision times
     (penalty P m + g) / (penalty + weight), with P the precision and m the mean of the target.
     """
 
     gradient: Array  # gradient g (f,)
-    curvature: Array  # curvature H (f, f)
+    curvature: Array  # Hessian H (f, f)
     target: FullGaussian  # target distribution
     penalty: float  # weight of the divergence from the target, at least 0
 
     def best(self, weight: float) -> FullGaussian | None:
-        """Return the best Gaussian, or None if the objective is unbounded."""
+        """Return the Gaussian that maximises the objective, or None if it is unbounded."""
         size, total = len(self.gradient), self.penalty + weight
         inverse = np.linalg.inv(self.target.factor)
         pull = self.penalty * inverse.T @ inverse
@@ -62,14 +62,17 @@ class ClosedForm:
         return FullGaussian(mean, np.asarray(factor, dtype=np.float64))
 
     def divergence(self, weight: float) -> float:
-        """Return KL(best || current) in nats, infinite if none is best; it decreases with `weight`."""
+        """Return KL(best || current) in nats, infinite if the objective is unbounded.
+
+        It decreases with `weight`.
+        """
         best = self.best(weight)
         if best is None:
             return np.inf
         return best.divergence(FullGaussian(np.zeros_like(best.mean), np.eye(len(best.mean))))
 
 
-SMALLEST_WEIGHT = 1e-12  # smallest weight of the divergence from the current distribution
+SMALLEST_WEIGHT = 1e-12  # for the divergence from the current distribution
 
 
 def closed_form_update(
@@ -80,10 +83,10 @@ def closed_form_update(
     penalty: float,
     most_divergence: float,
 ) -> FullGaussian:
-    """Return the Gaussian that maximises E[J] - penalty * KL(new || target) within a step of `current`.
+    """Return the update of `current` that maximises E[J] - penalty * KL(new || target).
 
-    J is a quadratic model of the returns. The best Gaussian has a closed form for every weight of the
-    divergence from `current`; the smallest weight within the bound is found by bisection.
+    J is a quadratic model of the returns, and KL(new || current) is bounded. The best Gaussian has a closed
+    form for every weight of that divergence; the smallest weight within the bound is found by bisection.
 
     Args:
         current: distribution of the contexts.
@@ -95,7 +98,7 @@ def closed_form_update(
     """
     from scipy.optimize import bisect  # deferred, so that listing teachers does not import scipy
 
-    with threadpool_limits(limits=1):  # to give reproducible bits
+    with threadpool_limits(limits=1):  # for reproducible bits
         gradient, curvature = quadratic_fit(current.whiten(contexts), returns)
         problem = ClosedForm(gradient, curvature, target.seen_from(current), penalty)
         weight = SMALLEST_WEIGHT
@@ -111,11 +114,11 @@ def closed_form_update(
         return best.placed_in(current)
 
 
-LEAST_STD = 1e-3  # in every direction, as a share of the ranges, so that returns can be fitted
+LEAST_STD = 1e-3  # in all directions, as a share of the ranges: narrower samples cannot be fitted
 
 
 def widened(gaussian: FullGaussian) -> FullGaussian:
-    """Return `gaussian`, widened to a deviation of at least `LEAST_STD` in every direction."""
+    """Return `gaussian` with a standard deviation of at least `LEAST_STD` in every direction."""
     variances, axes = np.linalg.eigh(gaussian.factor @ gaussian.factor.T)
     if variances[0] >= LEAST_STD**2:
         return gaussian
@@ -125,7 +128,7 @@ def widened(gaussian: FullGaussian) -> FullGaussian:
 
 @dataclass
 class SPGL(SPDL):
-    """Gaussian that moves from an initial to a target distribution in closed form, at the pace of returns.
+    """Gaussian that moves from an initial to a target distribution by closed-form updates as returns rise.
 
     It is SPDL with a quadratic model of returns in place of the student's values.
 
@@ -162,7 +165,7 @@ class SPGL(SPDL):
         self.next_update_ = for_budget(self.first_update, self.budget)
 
     def observe(self, episode: Episode) -> None:
-        """Store the episode, and update the Gaussian from the stored episodes when an update is due."""
+        """Store the episode, and update the Gaussian when an update is due."""
         self.tasks_.append(episode.task)
         self.returns_.append(episode.episodic_return)
         if episode.step < self.next_update_:

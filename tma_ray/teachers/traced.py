@@ -1,4 +1,4 @@
-"""TRACED: ACCEL with transition error and co-learnability in its score (Cho et al. 2025)."""
+"""TRACED: ACCEL with transition errors and co-learnability in its scores (Cho et al. 2025)."""
 
 from dataclasses import dataclass, field
 from typing import ClassVar
@@ -16,7 +16,7 @@ RIDGE = 1.0  # weight, in steps, of the prior that observations do not change
 
 @dataclass
 class TransitionModel:
-    """Online ridge regression that predicts changes in observations from observations and actions."""
+    """Online ridge regression of changes in observations on observations and actions."""
 
     memory: float  # discount of earlier episodes, in (0, 1]
     steps: float = 0.0  # weighted number of steps
@@ -26,7 +26,7 @@ class TransitionModel:
     squares: Array | None = field(init=False, default=None)  # sums of squared changes (o,)
 
     def error(self, trajectory: Trajectory) -> float:
-        """Return the mean squared error of the predictions for an episode, and learn from the episode.
+        """Return the mean squared prediction error in an episode, then learn from the episode.
 
         Errors are relative to the mean squared change of each value of the observation, including this
         episode: predicting no change has an error of about 1, and a constant value has 0.
@@ -131,7 +131,7 @@ class TRACED(ACCEL):
         return slot
 
     def _forget(self, slot: int) -> None:
-        """Discard what is known about the former task of a slot."""
+        """Discard the co-learnability of a slot's former task."""
         self.co_learnability_[slot] = 0.0
         self.previous_round_ = [previous for previous in self.previous_round_ if previous != slot]
         self.round_ = [replayed for replayed in self.round_ if replayed != slot]
