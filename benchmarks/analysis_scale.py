@@ -170,7 +170,7 @@ def _vectors(tasks: np.ndarray) -> pa.Array:
 
 def measure(root: Path) -> dict[str, Any]:
     """Load `root` and make every table in this process; return sizes, seconds and peak memory."""
-    from analysis.commands.tables import tables_of
+    from analysis.commands.paper import tables_of
     from analysis.data.loading import load
     from analysis.tables.table import TableFormat, render
 

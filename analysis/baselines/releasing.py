@@ -13,7 +13,6 @@ from uuid import uuid4
 
 import pyarrow.parquet as pq
 
-from analysis.baselines.card import CARD_FILE, card, holdings, origin
 from analysis.baselines.catalogue import (
     BASELINE_FILE,
     DEFAULT_ABOUT,
@@ -24,7 +23,7 @@ from analysis.baselines.catalogue import (
     BaselineKind,
     BaselineManifest,
 )
-from analysis.baselines.croissant import CROISSANT_FILE, croissant
+from analysis.baselines.description import CARD_FILE, CROISSANT_FILE, card, croissant, holdings, origin
 from analysis.baselines.verification import verify
 from analysis.data.frames import STATUSES, Frames
 from analysis.data.loading import load

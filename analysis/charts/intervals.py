@@ -1,7 +1,7 @@
-"""Charts of means, ranks, differences and performance profiles with their intervals."""
+"""Charts with intervals: means, ranks, differences, performance profiles, and the looks of a trial."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,9 +14,9 @@ from analysis.comparisons.ranks import Rank
 from analysis.comparisons.verdicts import AXES
 from analysis.formatting import number, steps_text
 from analysis.measures.tested import FINAL, HEADLINE, TRAINED
-from analysis.names import short_labels
+from analysis.names import label, marked_label, short_labels
 from analysis.statistics import describe, mean_percent_interval
-from analysis.teacher_styles import teacher_style
+from analysis.teacher_styles import INK, MUTED, TeacherStyle, teacher_style
 
 
 def seeds_chart(points: pd.DataFrame, quantity: str, name: str, heading: str, caption: str) -> base.Chart:
@@ -40,13 +40,13 @@ def seeds_chart(points: pd.DataFrame, quantity: str, name: str, heading: str, ca
 
     def at(step: Any) -> base.Panel:
         marks = list[base.Mark]()
-        for y, (teacher, label) in enumerate(rows.items()):
+        for y, (teacher, short) in enumerate(rows.items()):
             indices = groups.get((step, teacher), [])
             marks.append(
                 base.Scatter(
                     x=[round(value, 2) for value in values[indices].tolist()],
                     y=[y] * len(indices),
-                    texts=[f"{label}, seed {seed}" for seed in seeds[indices]],
+                    texts=[f"{short}, seed {seed}" for seed in seeds[indices]],
                     hover="{text}: {x:.1f}",
                     look=teacher_style(teacher)._replace(marker="o"),
                     teacher=teacher,
@@ -55,7 +55,7 @@ def seeds_chart(points: pd.DataFrame, quantity: str, name: str, heading: str, ca
                     opacity=0.75,
                 )
             )
-            words, style = f"{label}: mean {{}} of {{}}", {"size": 11.0, "width": 2.0, "cap": 5.0}
+            words, style = f"{short}: mean {{}} of {{}}", {"size": 11.0, "width": 2.0, "cap": 5.0}
             marks.append(_mean(values[indices], teacher, y, words, **style))
         return base.Panel(*axes, marks)
 
@@ -242,7 +242,7 @@ def profile_chart(table: pd.DataFrame, quantity: str, name: str, heading: str, c
         caption: content and number of runs.
     """
     marks: list[base.Mark] = []
-    for teacher, label in short_labels(table["teacher"].astype(str), base.LONGEST_NAME).items():
+    for teacher, short in short_labels(table["teacher"].astype(str), base.LONGEST_NAME).items():
         rows = table[table["teacher"] == teacher].sort_values("threshold")
         share, low, high = (100 * rows[column].to_numpy(np.float64) for column in ("share", "low", "high"))
         band: dict[str, Any] = {"low": low, "high": high} if rows["n"].min() >= FEWEST_WITH_BAND else {}
@@ -253,7 +253,7 @@ def profile_chart(table: pd.DataFrame, quantity: str, name: str, heading: str, c
                 y=share,
                 **band,
                 look=teacher_style(teacher)._replace(marker=""),
-                name=label,
+                name=short,
                 teacher=teacher,
                 texts=words,
                 hover="{text}",
@@ -295,9 +295,9 @@ def budget_chart(
         ranks = pd.DataFrame(comparison.means[axis]).rank(ascending=False, method="first")
         marks: list[base.Mark] = []
         for teacher, row in ranks.iterrows():
-            order, label = row.loc[budgets].to_numpy(float) - 1, names[str(teacher)]
+            order, short = row.loc[budgets].to_numpy(float) - 1, names[str(teacher)]
             texts = [
-                f"{label}, {steps_text(budget)} steps: rank {index + 1:.0f}"
+                f"{short}, {steps_text(budget)} steps: rank {index + 1:.0f}"
                 for budget, index in zip(budgets, order, strict=True)
             ]
             marks.append(
@@ -311,7 +311,81 @@ def budget_chart(
                 )
             )
             marks.append(
-                base.Label(x=len(budgets) - 0.85, y=order[-1], text=label, beside=True, teacher=str(teacher))
+                base.Label(x=len(budgets) - 0.85, y=order[-1], text=short, beside=True, teacher=str(teacher))
             )
         panels.append(base.Panel(x, y, marks, AXES[axis].capitalize()))
     return base.Chart(name, [panels], heading, ORDERS, size=(8.4, 1.2 + 0.19 * count), letters=7.5)
+
+
+BOUNDARY, BAND = TeacherStyle(INK, "", (0, (4, 2))), TeacherStyle(MUTED, "", "-")
+"""Styles of boundaries and of the margin."""
+
+ROOM = 1.4  # reach of the vertical axis, in units of the furthest boundary after the first look
+
+
+def course_chart(
+    courses: Mapping[tuple[str, str], pd.DataFrame],
+    teacher: str,
+    margins: Mapping[str, float],
+    name: str = "course",
+) -> base.Chart:
+    """Return a panel per comparison: differences with intervals by look, boundaries, equivalence margin.
+
+    Args:
+        courses: rows of `trials.interim.course` by measure and reference, with a row of panels per measure.
+        teacher: new teacher.
+        margins: equivalence margin of each measure, in points.
+        name: identifier of the chart.
+    """
+    panels: dict[str, list[base.Panel]] = {}
+    for (measure, reference), table in courses.items():
+        margin = margins[measure]
+        seeds, seen = table["seeds"].astype(float), table[table["value"].notna()]
+        later = table.loc[seeds > seeds.min(), ["better", "worse"]].abs().to_numpy().max()
+        reach = ROOM * float(max(later, margin, seen["value"].abs().max() if len(seen) else 0.0))
+        x = base.PanelAxis(
+            "Seeds of every cell", low=float(seeds.min()) - 1, high=float(seeds.max()) + 1, whole=True
+        )
+        y = base.PanelAxis("Difference (points)", low=-reach, high=reach, grid=True)
+        title = _heading(measure, [reference]) if len(courses) > 1 else ""
+        width = np.array([seeds.iloc[0] - 1, seeds.iloc[-1] + 1])
+        band = base.Curve(x=width, low=np.full(2, -margin), high=np.full(2, margin), look=BAND)
+        marks = [
+            band,
+            base.ReferenceLine(y=0.0, look=BAND, width=0.8),
+            *_course(table, seen, teacher, 2 * reach),
+        ]
+        panels.setdefault(measure, []).append(base.Panel(x, y, marks, title))
+    caption = (
+        "Difference with its repeated confidence interval at each look. Over the upper boundary the teacher "
+        "is better, under the lower one worse, and alike where all of the interval is in the grey band. "
+        "Boundaries of looks to come are those that the release's spread lets expect."
+    )
+    measures, references = (dict.fromkeys(names) for names in zip(*courses, strict=True))
+    heading = " and ".join(_heading(measure, references) for measure in measures)
+    return base.Chart(name, [*panels.values()], heading, caption, size=(base.TWO_COLUMNS, 2.9 * len(panels)))
+
+
+def _heading(measure: str, references: Iterable[str]) -> str:
+    """Return the heading of a measure's comparisons with references."""
+    return f"{AXES[measure].capitalize()}, against {' and '.join(map(label, references))}"
+
+
+def _course(table: pd.DataFrame, seen: pd.DataFrame, teacher: str, reach: float) -> Iterator[base.Curve]:
+    """Yield the curves of boundaries and of observed differences with intervals, clipped to ± `reach`."""
+    for side, name in (("better", "boundary of a verdict"), ("worse", "")):
+        bounds = np.clip(table[side].to_numpy(float), -reach, reach)
+        seeds, hover = table["seeds"].to_numpy(float), f"{side} beyond {{y:.1f}}"
+        yield base.Curve(x=seeds, y=bounds, look=BOUNDARY, width=1.2, name=name, hover=hover)
+    style = teacher_style(teacher)
+    for x, low, high in seen[["seeds", "low", "high"]].to_numpy(float):
+        ends = np.clip([low, high], -reach, reach)
+        yield base.Curve(x=np.full(2, x), y=ends, look=style._replace(dashes="-"), width=1.4)
+    if len(seen):
+        yield base.Curve(
+            x=seen["seeds"].to_numpy(float),
+            y=seen["value"].to_numpy(float),
+            look=style,
+            name=marked_label(teacher),
+            hover="{y:.1f} after {x} seeds",
+        )

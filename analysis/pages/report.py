@@ -21,9 +21,8 @@ from analysis.measures.pooling import runs_after
 from analysis.measures.run_measures import run_measures
 from analysis.measures.tested import HEADLINE, QUANTITIES, how_tested
 from analysis.names import label, teacher_order
-from analysis.pages.answer import answers
 from analysis.pages.page import controls, overall_section, page, page_folder, write_page
-from analysis.pages.sections import Section, best_of, distinct, overview, sections
+from analysis.pages.sections import Section, answers, best_of, distinct, overview, sections
 from analysis.teacher_styles import shown_together
 from tma_ray.support.texts import rounded_duration
 from tma_ray.tasks import MASTERY_RETURN

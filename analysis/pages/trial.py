@@ -5,10 +5,10 @@ from pathlib import Path
 import pandas as pd
 
 from analysis.charts.curves import learning_curves
+from analysis.charts.intervals import course_chart
 from analysis.charts.page import on_page
 from analysis.charts.paper.drawing import draw
 from analysis.charts.paper.style import save
-from analysis.charts.trial import course_chart
 from analysis.data.frames import Frames
 from analysis.formatting import interval_text, number
 from analysis.names import label, own_first

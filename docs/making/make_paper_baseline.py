@@ -14,8 +14,8 @@ from importlib.metadata import version
 from pathlib import Path
 
 from analysis.baselines import BaselineFile, BaselineKind, BaselineManifest
-from analysis.baselines.card import CARD_FILE, card, holdings
 from analysis.baselines.catalogue import BASELINE_FILE
+from analysis.baselines.description import CARD_FILE, card, holdings
 from analysis.data.reference import PAPER, PAPER_ENGINE, paper_frame
 from analysis.tables.paper_tables import published_table_results, result_tables
 from tma_ray.results import PUBLISHED_FILE, SCHEMA_VERSION, Store, write_published

@@ -25,7 +25,7 @@ from tma_ray.playground.compiling import WASM, ZIG, build, kernels_in_c
 from tma_ray.playground.contents import variants
 from tma_ray.playground.page import Start, page_html, policy_record
 from tma_ray.results import Results
-from tma_ray.runs.saved_policies import find_policy
+from tma_ray.runs.checkpoints import find_policy
 
 ROOT = Path(__file__).parents[2]
 

@@ -25,8 +25,8 @@ from analysis.baselines import (
     verify,
 )
 from analysis.baselines.catalogue import BASELINE_FILE, BASELINES_VARIABLE, BaselineKind
+from analysis.commands.paper import write_tables
 from analysis.commands.releases import show_baselines
-from analysis.commands.tables import write_tables
 from analysis.data.frames import Frames
 from analysis.data.loading import load
 from analysis.data.reference import paper_frame

@@ -20,7 +20,7 @@ from views import Told
 
 from analysis.charts.base import END
 from analysis.charts.paper.style import Vector, png, save, svg
-from analysis.commands.figures import write_figures
+from analysis.commands.paper import write_figures
 from analysis.data.columns import GROUP
 from analysis.data.curricula import Axis
 from analysis.figures import learning_curve, mastery_map, seeds_chart

@@ -11,9 +11,8 @@ from views import printed
 
 from analysis.claims.sources import RootSource
 from analysis.commands.claims import show_claims
-from analysis.commands.figures import write_figures
+from analysis.commands.paper import write_figures, write_tables
 from analysis.commands.rankings import show_ranking
-from analysis.commands.tables import write_tables
 from analysis.comparisons.comparison import Measurements
 from analysis.comparisons.pairwise import pairwise
 from analysis.data.loading import load

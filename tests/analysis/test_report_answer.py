@@ -15,8 +15,8 @@ from analysis.data.reference import BASELINE
 from analysis.formatting import number
 from analysis.measures.pooling import runs_after
 from analysis.measures.tested import FINAL
-from analysis.pages.answer import answers
 from analysis.pages.report import subject, write_report
+from analysis.pages.sections import answers
 
 COUNTS = {"random": (1, 2, 1, 2), "adr": (7, 8, 7, 8), "riac": (1, 1, 2, 2)}
 """Mastered tasks of ten, seed by seed."""

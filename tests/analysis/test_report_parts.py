@@ -9,7 +9,7 @@ import pytest
 from synthetic_results import SyntheticCampaign
 
 from analysis import load
-from analysis.commands.figures import write_latex
+from analysis.commands.paper import write_latex
 from analysis.comparisons.comparison import Measurements
 from analysis.pages.report import Video, wanted_videos, write_report
 from analysis.pages.sections import distinct

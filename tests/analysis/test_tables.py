@@ -13,7 +13,7 @@ import pytest
 from synthetic_pools import parkour, pool
 from synthetic_results import SyntheticCampaign
 
-from analysis.commands.tables import write_tables
+from analysis.commands.paper import write_tables
 from analysis.data.loading import load
 from analysis.measures.pooling import pooled
 from analysis.tables.paper_tables import (

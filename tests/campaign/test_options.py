@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 
 from tma_ray.campaign import Campaign, cells_of
-from tma_ray.campaign.cluster.addresses import check_address
+from tma_ray.campaign.cluster.nodes import check_address
 from tma_ray.campaign.options import CampaignOptions, chosen_campaign, parse_seeds
 from tma_ray.campaign.progress import ActiveRun, ProgressView, Snapshot
 from tma_ray.campaign.script import script

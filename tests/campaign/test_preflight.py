@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 
 from tma_ray.campaign import execution
+from tma_ray.campaign.cluster.connection import MAX_SHIPPED_BYTES, PACKAGE, runtime_environment
 from tma_ray.campaign.cluster.nodes import working_nodes
-from tma_ray.campaign.cluster.shipping import MAX_SHIPPED_BYTES, PACKAGE, runtime_environment
 from tma_ray.components.plugin_source import PluginSource
 from tma_ray.console.exit_codes import RAY_LOST
 from tma_ray.results import ResultsRootError, Store

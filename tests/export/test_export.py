@@ -25,7 +25,7 @@ from tma_ray.export import Export, export
 from tma_ray.export.onnx_file import NotExpressibleError
 from tma_ray.results import Table
 from tma_ray.runs import Cell, RunSpec, Schedule, effective_spec
-from tma_ray.runs.saved_policies import find_policy
+from tma_ray.runs.checkpoints import find_policy
 from tma_ray.students import load_policy
 
 STUDENTS = ["ppo", "sac"]

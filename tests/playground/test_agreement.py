@@ -16,7 +16,7 @@ from tma_ray.embodiments import embodiment_names
 from tma_ray.envs import make_environment
 from tma_ray.playground.contents import constants, worlds
 from tma_ray.playground.page import policy_record
-from tma_ray.runs.saved_policies import find_policy
+from tma_ray.runs.checkpoints import find_policy
 from tma_ray.terrain.parkour import creeper_points
 
 ROOT = Path(__file__).parents[2]

@@ -11,7 +11,7 @@ import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from tma_ray.playground.page import network_record, policy_page
-from tma_ray.runs.saved_policies import find_policy
+from tma_ray.runs.checkpoints import find_policy
 from tma_ray.viewing.play import PlaySettings, play
 
 ROOT = Path(__file__).parents[2]

@@ -18,7 +18,7 @@ from small_runs import run, small_spec, stump_tracks_spec
 from tma_ray.cli import main
 from tma_ray.envs import make_environment
 from tma_ray.results import Results
-from tma_ray.runs.saved_policies import find_policy
+from tma_ray.runs.checkpoints import find_policy
 from tma_ray.tasks import TaskSpace
 from tma_ray.viewing.rendering import EpisodeSettings, parse_task, render, write_frames
 

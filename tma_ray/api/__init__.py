@@ -19,8 +19,8 @@ from tma_ray.campaign.progress import HiddenProgress, ProgressDisplay, Snapshot
 from tma_ray.campaign.script import execute_single
 from tma_ray.results import SINGLE_RUNS, AttemptOutcome
 from tma_ray.runs import Cell, Placement, Schedule
+from tma_ray.runs.checkpoints import find_policy
 from tma_ray.runs.inputs import new_environment
-from tma_ray.runs.saved_policies import find_policy
 
 Policy = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 

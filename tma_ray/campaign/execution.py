@@ -11,11 +11,10 @@ import ray
 from ray.exceptions import RayError, RayTaskError
 from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
-from tma_ray.campaign.cluster.connection import LocalRayWatch, connect
+from tma_ray.campaign.cluster.connection import LocalRayWatch, connect, use_shipped
 from tma_ray.campaign.cluster.nodes import capacity, resource_text, working_nodes
 from tma_ray.campaign.cluster.protocols import BEGUN, GRACE_SECONDS, exit_on_head_loss
 from tma_ray.campaign.cluster.ray_private import living_nodes
-from tma_ray.campaign.cluster.shipping import use_shipped
 from tma_ray.campaign.executors.cohorts import Cohorts, check_room, stack_keys
 from tma_ray.campaign.executors.ray_executor import RayExecutor
 from tma_ray.campaign.failures import stop_signals

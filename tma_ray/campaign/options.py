@@ -10,7 +10,7 @@ from typing import Annotated, Any
 from cyclopts import Group, Parameter
 
 from tma_ray.benchmark import Tier
-from tma_ray.campaign.cluster.addresses import check_address, host_and_port
+from tma_ray.campaign.cluster.nodes import check_address, host_and_port
 from tma_ray.campaign.plan import CampaignSpec
 from tma_ray.campaign.settings import (
     COHORT_WIDTH,

@@ -59,7 +59,7 @@ def report(
     shown = list(_videos(sources, folder / "videos")) if videos else []
     print(write_report(sources, folder, shown, RELOAD_SECONDS if watch else 0), flush=True)
     if latex:
-        from analysis.commands.figures import write_latex  # imports matplotlib, which takes a while
+        from analysis.commands.paper import write_latex  # imports matplotlib, which takes a while
 
         written = write_latex(sources, folder / "latex")
         _warn(written.warnings)
@@ -95,7 +95,7 @@ def _videos(sources: Sequence[str | Path], folder: Path) -> Iterator[Video]:
     from analysis.baselines.catalogue import read
     from analysis.comparisons.comparison import Measurements
     from analysis.pages.report import Video, wanted_videos
-    from tma_ray.runs.saved_policies import find_policy
+    from tma_ray.runs.checkpoints import find_policy
     from tma_ray.runs.spec import evaluation_seeds
     from tma_ray.viewing.rendering import EpisodeSettings, render
 
@@ -237,7 +237,7 @@ def tables(
         format: format of the tables
         output: folder for a file per table (default: print them)
     """
-    from analysis.commands.tables import write_tables
+    from analysis.commands.paper import write_tables
 
     written = write_tables((*root, *baseline), step, format, output)
     _warn(written.warnings)
@@ -261,7 +261,7 @@ def figures(
         format: vector format, written next to PNG
         only: beginning of the figures' names, as radar (default: all)
     """
-    from analysis.commands.figures import write_figures
+    from analysis.commands.paper import write_figures
 
     written = write_figures((*root, *baseline), output, format, only or "")
     _warn((*written.warnings, *(f"left out: {text}" for text in written.left_out)))

@@ -8,7 +8,7 @@ from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from tma_ray.console.streams import standard_streams
+from tma_ray.console.terminal import standard_streams
 from tma_ray.support.interrupts import INTERRUPTED, raised_interrupts
 
 FAILED = 1  # exit code of an error, or of a failed check

@@ -16,8 +16,8 @@ from tma_ray import __version__
 from tma_ray.envs import Environment, box_spaces
 from tma_ray.export.model_card import CARD_FILE, history_of, model_card
 from tma_ray.export.onnx_file import COMPARED, ONNX_FILE, largest_difference, onnx_model, require_onnx
+from tma_ray.runs.checkpoints import SavedPolicy, find_policy
 from tma_ray.runs.inputs import import_plugins, new_environment, write_inputs
-from tma_ray.runs.saved_policies import SavedPolicy, find_policy
 from tma_ray.students import Policy, load_policy, policy_layers
 
 PLAYGROUND_FILE: Final = "playground.html"

@@ -20,7 +20,7 @@ from tma_ray.envs import Environment, Signal
 from tma_ray.export.onnx_file import COMPARED, ONNX_FILE, OPSET
 from tma_ray.physics import PHYSICS_VERSION, TIME_STEP
 from tma_ray.results import Table
-from tma_ray.runs.saved_policies import SavedPolicy, results_of
+from tma_ray.runs.checkpoints import SavedPolicy, results_of
 from tma_ray.runs.spec import RunSpec
 from tma_ray.support.component_names import base_name
 from tma_ray.support.decoding import DamagedFileError, decode_json

@@ -17,8 +17,8 @@ from tma_ray.embodiments import embodiment_names
 from tma_ray.playground.compiling import WASM
 from tma_ray.playground.contents import PLAYED, bodies, constants, space_record, variants, worlds
 from tma_ray.results import Results, Table
+from tma_ray.runs.checkpoints import SavedPolicy, results_of
 from tma_ray.runs.inputs import import_plugins
-from tma_ray.runs.saved_policies import SavedPolicy, results_of
 from tma_ray.runs.spec import RunSpec
 from tma_ray.students import policy_layers
 from tma_ray.students.layers import Affine, Clamp, Standardise

@@ -12,7 +12,7 @@ from tma_ray.embodiments import load_embodiment
 from tma_ray.envs import make_environment
 from tma_ray.playground.contents import PLAYED
 from tma_ray.playground.page import RANDOM, ZERO, Start, page_html, policy_record
-from tma_ray.runs.saved_policies import find_policy
+from tma_ray.runs.checkpoints import find_policy
 from tma_ray.support.validation import check_fields, check_sequence, check_whole
 from tma_ray.tasks import Dimension, TaskSpace
 from tma_ray.viewing.rendering import parse_task

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from tma_ray.envs import ENVIRONMENTS, Environment, box_spaces, make_environment
+from tma_ray.runs.checkpoints import StepPolicy, find_policy
 from tma_ray.runs.inputs import arguments
-from tma_ray.runs.saved_policies import StepPolicy, find_policy
 from tma_ray.support.component_names import nearest
 from tma_ray.support.gifs import gif_bytes
 from tma_ray.support.quantities import COORDINATE

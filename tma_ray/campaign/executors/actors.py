@@ -16,8 +16,8 @@ import psutil
 import ray
 from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy, NodeLabelSchedulingStrategy, NotIn
 
+from tma_ray.campaign.cluster.connection import use_shipped
 from tma_ray.campaign.cluster.ray_private import sockets_folder
-from tma_ray.campaign.cluster.shipping import use_shipped
 from tma_ray.campaign.settings import GIB, Resources, TeacherPlacement
 from tma_ray.results import LearnerProgress, PartFile, Store
 from tma_ray.runs.attempt import Attempt, Report
