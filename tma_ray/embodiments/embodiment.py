@@ -170,7 +170,7 @@ class Joint:
 
 @dataclass(frozen=True)
 class GripSensor:
-    """Circle welded to a part that can hold the object it touches, and does not collide.
+    """Circle welded to a part, which can hold objects that it touches, and does not collide.
 
     Attributes:
         name: unique name among the body's parts and sensors.
@@ -197,7 +197,7 @@ class GripSensor:
         return self.mass * self.radius**2 / 2
 
 
-ANCHOR_TOLERANCE = 0.02  # how far an anchor may lie outside its parts, in m: drawings round to pixels
+ANCHOR_TOLERANCE = 0.02  # largest distance of an anchor from its parts, in m (drawings are rounded to pixels)
 
 
 class EmbodimentError(ValueError):
@@ -280,7 +280,7 @@ def _check_known(where: str, name: str, parts: dict[str, Part]) -> None:
 
 
 class BodyType(StrEnum):
-    """Locomotion of a body (paper, section 4.2)."""
+    """Type of a body by its locomotion (paper, section 4.2)."""
 
     WALKER = "walker"
     SWIMMER = "swimmer"
@@ -289,7 +289,7 @@ class BodyType(StrEnum):
 
 
 class LidarLayout(StrEnum):
-    """Directions of a body's lidars: from below to ahead, from ahead to above, or all."""
+    """Directions of a body's lidars: down to ahead, ahead to up, or down to up."""
 
     DOWN = "down"
     UP = "up"
@@ -387,7 +387,7 @@ class Embodiment:
 
     @property
     def stretched(self) -> bool:
-        """True if any joint of the body is drawn stretched."""
+        """True if any joint is drawn with two different anchors."""
         return any(joint.anchor_b is not None for joint in self.joints)
 
     @property

@@ -29,13 +29,13 @@ from tma_ray.support.quantities import BODY_SIZE, TORQUE
 Entry = dict[str, Any]
 
 POSITION_FIELDS = ("position", "anchor", "anchor_b")  # fields of an entry that are shifted in copies
-LAST = "last"  # value of `head` that means: true in the last copy only
-NUMBER = re.compile(r"\{(\d*)k([+-]\d+)?\}")  # a copy's number k = 1, 2, ... in texts: {k}, {2k-1}, {k+1}
+LAST = "last"  # value of `head` for true in the last copy only
+NUMBER = re.compile(r"\{(\d*)k([+-]\d+)?\}")  # places for a copy's number k = 1, 2, ...: {k}, {2k-1}, {k+1}
 
 
 @dataclass(frozen=True)
 class Repeat:
-    """Section whose entries are expanded once per copy, with the copy's number inserted in their texts."""
+    """Repeated section of a body's file, with its entries and number of copies."""
 
     parameter: str  # name of the parameter that sets the number of copies
     count: int  # default number of copies
@@ -48,7 +48,7 @@ class Repeat:
     step: tuple[float, float] = (0.0, 0.0)
 
     def check(self, count: object) -> None:
-        """Check that the number of copies, given as int or float, is a whole number from 1 to `at_most`."""
+        """Check that the number of copies is a whole number from 1 to `at_most`."""
         is_number = isinstance(count, int | float) and not isinstance(count, bool)
         if not is_number or count not in range(1, self.at_most + 1):
             raise ValueError(f"{self.parameter} {count!r} must be a whole number from 1 to {self.at_most}")
@@ -78,7 +78,7 @@ def repeats(data: Mapping[str, Any]) -> dict[str, Repeat]:
 
 
 def expand_repeats(data: Mapping[str, Any], counts: Mapping[str, int]) -> dict[str, Any]:
-    """Return the contents of a body's file with its repeated sections expanded to `counts` copies."""
+    """Return the contents of a body's file, with repeated sections expanded to `counts` copies."""
     expanded = {name: list(data.get(name, [])) for name in ("parts", "joints", "grip_sensors")}
     for parameter, section in repeats(data).items():
         count = counts[parameter]
@@ -91,7 +91,7 @@ def expand_repeats(data: Mapping[str, Any], counts: Mapping[str, int]) -> dict[s
 
 
 def _copied(entry: Entry, section: Repeat, number: int, count: int) -> Entry:
-    """Return an entry of the copy with this `number`, out of `count`."""
+    """Return `entry` of a repeated section for copy `number` of `count`."""
 
     def numbered(match: re.Match[str]) -> str:
         return str(int(match[1] or 1) * number + int(match[2] or 0))
@@ -176,14 +176,14 @@ def with_motor_torque(body: Embodiment, torque: float) -> Embodiment:
 
 SIZE, MOTOR_TORQUE = "size", "motor_torque"
 SURVIVAL = ("steps_survivable_under_water", "steps_survivable_outside_water")
-ENTRIES = ("parts", "joints", "grip_sensors", "repeat")  # fields that are lists of sections
+ENTRIES = ("parts", "joints", "grip_sensors", "repeat")  # fields with lists of sections
 LARGEST_NUMBER = 1e9  # bound on the absolute value of every number in a body's file
 
 _FOLDER = resources.files("tma_ray.embodiments") / "data"
 
 _TYPES = {kind: get_type_hints(kind) for kind in (Embodiment, Part, Joint, GripSensor)}
 
-EVERY_BODY = (SIZE, MOTOR_TORQUE, *SURVIVAL)  # parameters that every body has
+EVERY_BODY = (SIZE, MOTOR_TORQUE, *SURVIVAL)  # parameters of every body
 
 
 def embodiment_names() -> list[str]:
@@ -233,7 +233,7 @@ def _shipped(name: str, settings: tuple[tuple[str, float], ...]) -> Embodiment:
 
 
 def _parse(path: Traversable, settings: Mapping[str, float]) -> Embodiment:
-    """Return the body of a file with `settings`, named after those that make a difference."""
+    """Return the body of a file with `settings`; its name includes those that change it."""
     try:
         if isinstance(path, Path):
             check_file(path, MOST_TEXT_BYTES)
@@ -252,7 +252,7 @@ def _parse(path: Traversable, settings: Mapping[str, float]) -> Embodiment:
 
 
 def _variant(data: dict[str, Any], settings: Mapping[str, float]) -> Embodiment:
-    """Return the body described by a file's contents with `settings`, named after the file."""
+    """Return the body of a file's contents `data` with `settings`, under its name in the file."""
     for name in ENTRIES:
         tables = data.get(name, [])
         if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
@@ -322,7 +322,7 @@ def _decoded(
 
 
 def _is_bounded(value: object) -> bool:
-    """Return True if all numbers in `value` are finite and not implausibly large."""
+    """Return True if all numbers in `value` are within ±LARGEST_NUMBER."""
     if isinstance(value, list):
         return all(map(_is_bounded, value))
     return not isinstance(value, (int, float)) or abs(value) <= LARGEST_NUMBER

@@ -30,7 +30,7 @@ from tma_ray.terrain import Terrain
 if TYPE_CHECKING:
     from tma_ray.envs.drawing import Renderer
 
-MAX_EPISODE_STEPS = 2000  # steps before truncation, which the original release leaves to its students
+MAX_EPISODE_STEPS = 2000  # longest episode (in the original release, students truncate episodes)
 PUSH = 5.0  # largest random push on the head in the first step, in N
 
 NOT_RUNNING = "the episode has ended or not begun; call reset()"
@@ -42,7 +42,7 @@ Observation = NDArray[np.float32]
 
 
 class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
-    """Environment in which a body moves through a world to a goal.
+    """Base class of environments in which a body moves through a world to a goal.
 
     An action has one value in [-1, 1] per motor, whose sign is the direction and whose absolute value the
     share of the torque, then one per grip sensor, which closes it if positive. `reset` takes a task
@@ -118,7 +118,7 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
         super().reset(seed=seed)
         task = self._chosen_task(options or {})
         push = self.np_random.uniform(-PUSH, PUSH)
-        engine = self._engine  # first, since it registers all kernels before `build` compiles one
+        engine = self._engine  # before `build` compiles a kernel, all must be registered
         self._terrain = self.build(task, self.np_random)
         observation = engine.reset(self._terrain, push)
         self._observation = observation
@@ -150,7 +150,7 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
         return observation, reward, terminated, truncated, info
 
     def release_engine(self) -> Engine:
-        """Hand over the engine of the episode under way, which ends for the environment itself.
+        """End the environment's own episode, and return its engine, to be stepped by the caller.
 
         Raises:
             gymnasium.error.ResetNeeded: if the episode has ended or not begun.
@@ -199,7 +199,7 @@ def embodiment_of(embodiment: str | Path | Embodiment) -> Embodiment:
 
 
 def _observation_space(size: int, rules: Rules) -> spaces.Space[Observation]:
-    """Return the observation space; joints, which can overshoot their limits when hit, are unbounded."""
+    """Return the observation space, unbounded for joints, which may exceed their limits in collisions."""
     low, high = np.full(size, -np.inf, np.float32), np.full(size, np.inf, np.float32)
     if rules.observes_medium:
         low[4:6], high[4:6] = 0.0, 1.0

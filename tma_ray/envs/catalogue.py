@@ -1,4 +1,4 @@
-"""Registry of the environments, which does not import gymnasium."""
+"""Registry of environments, importable without gymnasium."""
 
 from __future__ import annotations
 

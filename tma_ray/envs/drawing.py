@@ -1,4 +1,4 @@
-"""Frames of a body in its world, drawn with pygame."""
+"""Drawing of a body in its world, with pygame."""
 
 from typing import NamedTuple
 
@@ -32,14 +32,14 @@ WIDTH, HEIGHT = 600, 400  # size of a frame, in pixels
 PIXELS_PER_METRE = 48  # scale of the closest view, and of every view under an open sky
 HEAD_SHARE = 0.3  # x of the head as a share of the width, left of the middle since the lidars point ahead
 
-# as shares of the frame's height
-GROUND_SHARE = 0.22  # height of the ground where the head stays in the frame
-PASSAGE_SHARE = 0.8  # height of the view that a low passage takes up
-SOLID_SHARE = 0.12  # height of the ground in the lowest view, and of the ceiling in the highest
+# shares of the frame's height
+GROUND_SHARE = 0.22  # height of the ground under an open sky
+PASSAGE_SHARE = 0.8  # height of a low passage
+SOLID_SHARE = 0.12  # largest height of the ground, and of the ceiling, in a high passage
 HEAD_MARGIN = 0.15  # smallest distance of the head from the upper and lower edge
 
-HIGHEST_VIEW = 12.0  # height of the view in a high passage, in m
-REACH = 5.0  # distance in m over which ground and ceiling are averaged to keep the camera steady
+HIGHEST_VIEW = 12.0  # largest height of a view, in m
+REACH = 5.0  # half width, in m, of the average of ground and ceiling that keeps the camera steady
 
 
 class Viewport(NamedTuple):
@@ -83,7 +83,7 @@ def view_of(head: NDArray[np.float64], terrain: Terrain) -> Viewport:
 
 
 def height_at(segments: NDArray[np.float64], x: NDArray[np.float64] | float) -> NDArray[np.float64]:
-    """Return the height in m at each of `x` of ground or ceiling, given as `segments` (m, 4) of a Terrain."""
+    """Return the height in m at `x` of the ground or ceiling given by `segments` (m, 4) of a Terrain."""
     ends = np.append(segments[:, 0], segments[-1, 2]), np.append(segments[:, 1], segments[-1, 3])
     return np.asarray(np.interp(x, *ends))
 
@@ -96,7 +96,7 @@ def _around(segments: NDArray[np.float64], x: float) -> float:
 
 
 SUPERSAMPLING = 2
-CROP = 10.0  # distance outside the frame at which shapes are cut, in m: pygame's coordinates are limited
+CROP = 10.0  # in m, outside the frame; points farther away are moved there, since pygame limits coordinates
 
 Floats = NDArray[np.float64]
 
@@ -115,7 +115,7 @@ class Canvas:
         self._font = pygame.font.Font(None, 18 * SUPERSAMPLING)
 
     def start(self, view: Viewport) -> None:
-        """Begin a frame with an empty sky."""
+        """Begin a new frame, which shows only the sky."""
         self.view = view
         self.surface.blit(self._sky, (0, 0))
 
@@ -253,7 +253,7 @@ class Renderer:
         edge = np.array([[view.left, terrain.water_y], [view.right, terrain.water_y]])
         if view.bottom < terrain.water_y < view.top:
             canvas.line(edge, WATER_EDGE, 1)
-        # creepers come before the solids, because they reach into a sloping ceiling
+        # before the ceiling, which covers their upper ends
         sizes = terrain.creepers[:, 2:] - terrain.creepers[:, :2]
         reach = np.hypot(*sizes.T) / 2
         seen = canvas.sees(scene.creepers[:, 0] - reach, scene.creepers[:, 0] + reach)
@@ -281,7 +281,7 @@ class Renderer:
         canvas, body, poses = self._canvas, self._body, scene.poses
         head, limb, far_limb, outline = DEAD_COLOURS if scene.dead else COLOURS
         for joint in body.joints:
-            if joint.outside_parts:  # draw a neck
+            if joint.outside_parts:  # a line in place of a neck
                 first, second = (body.part_index(name) for name in (joint.part_a, joint.part_b))
                 end = _placed(poses[second], np.array(body.parts[second].local(joint.anchors[1])))
                 canvas.line(np.stack([poses[first, :2], end]), outline, 5)

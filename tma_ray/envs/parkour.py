@@ -21,7 +21,7 @@ _UNITS = dict.fromkeys(("theta_1", "theta_2", "theta_3"), "input of the CPPN") |
 
 
 class Parkour(BodyEnvironment):
-    """A body between an uneven ground and a ceiling, with creepers to climb on and water.
+    """Environment with uneven ground, a ceiling, creepers to climb on, and water.
 
     Observations are the head's angle and velocities; whether the head is under water, and whether the body is
     dead; each joint's angle, speed and contact; what each grip sensor touches and holds (0 or 1 each); ten

@@ -18,17 +18,17 @@ Environment = gymnasium.Env[Any, Any]
 ``options={"task": …}``. Optional attributes are `mastery_return`, the episodic return over which a task is
 mastered, and `observation_signals` and `action_signals` (sequences of `Signal`)."""
 
-JSON_TYPES = (str, int, float, list, dict)  # types of the options in the spec of a run
+JSON_TYPES = (str, int, float, list, dict)  # types of options in run specs
 
 GYMNASIUM_IDS = {
     "tma_ray/StumpTracks-v0": ("tma_ray.envs.stump_tracks:StumpTracks", "tma_ray.envs.vector:stump_tracks"),
     "tma_ray/Parkour-v0": ("tma_ray.envs.parkour:Parkour", "tma_ray.envs.vector:parkour"),
 }
-"""Entry points for `gymnasium.make` and `gymnasium.make_vec`, of environments that truncate by themselves."""
+"""Entry points for `gymnasium.make` and `gymnasium.make_vec` by id; episodes need no `TimeLimit`."""
 
 
 def register_environments() -> None:
-    """Register the environments with gymnasium; importing this module calls it."""
+    """Register the benchmark's environments with gymnasium, if they are not registered yet."""
     for name, (single, vector) in GYMNASIUM_IDS.items():
         if name not in gymnasium.registry:
             gymnasium.register(
@@ -80,7 +80,7 @@ def box_spaces(environment: Environment) -> tuple[spaces.Box, spaces.Box]:
 
 
 def mastery_return(environment: Environment) -> float:
-    """Return the mastery return of `environment`, by default the benchmark's.
+    """Return the episodic return over which a task of `environment` is mastered.
 
     Raises:
         ValueError: if the environment's attribute is not a finite number.

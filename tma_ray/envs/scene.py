@@ -1,4 +1,4 @@
-"""Content and options of frames, independent of pygame."""
+"""Content of frames and rendering options, importable without pygame."""
 
 from dataclasses import dataclass
 
@@ -14,20 +14,20 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Scene:
-    """Everything that a frame shows."""
+    """Content of a frame."""
 
     poses: Floats  # x, y, angle of every part's frame (p, 3), in m and rad
     terrain: Terrain  # terrain of the world
-    creepers: Floats  # each creeper's centre in m, cosine and sine of its angle (c, 4)
-    grips: NDArray[np.bool_]  # True for grip sensors that touch, and that hold, an object (g, 2)
+    creepers: Floats  # poses of the creepers (c, 4): centre in m, cosine and sine of the angle
+    grips: NDArray[np.bool_]  # True for sensors that touch an object, and for those that hold one (g, 2)
     lidars: Floats  # ends of the rays (r, 2), in m
-    # kind of object that each ray hits (r,): -1 water, 1 a creeper, 0 anything else
+    # kinds of objects hit by the rays (r,): -1 water, 1 a creeper, 0 anything else
     hits: NDArray[np.float32]
     dead: bool  # True if the body has been in the wrong medium for too long
 
 
 def scene_of(engine: Engine, terrain: Terrain, observation: NDArray[np.float32]) -> Scene:
-    """Return the scene of `engine`, which last returned `observation` (o,)."""
+    """Return the current scene of `engine`, given its last `observation` (o,)."""
     poses, body = engine.state[:, :3], engine.arrays
     rays = len(body.rays)
     if body.observes_medium:

@@ -18,7 +18,7 @@ _UNITS = {"stump_height": "terrain steps", "obstacle_spacing": "m"}
 
 
 class StumpTracks(BodyEnvironment):
-    """A body on flat ground with stumps, whose height and spacing are the task.
+    """Environment with flat ground and stumps; the task is their height and spacing.
 
     Observations are the head's angle and velocities, each joint's angle, speed and (feet only) contact, what
     grip sensors touch and hold, and ten lidars down and ahead. Reward is progress minus head tilt and torque

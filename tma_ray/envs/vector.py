@@ -1,4 +1,4 @@
-"""Vector environments: n worlds, each with its own task, stepped in one compiled call."""
+"""Vector environments, whose worlds have their own tasks and are stepped in one compiled call."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
@@ -27,7 +27,7 @@ class Outcome(NamedTuple):
     observations: NDArray[np.float32]  # (k, o)
     rewards: NDArray[np.float64]  # (k,)
     terminated: NDArray[np.bool_]  # (k,)
-    truncated: NDArray[np.bool_]  # (k,), True at an episode's time limit
+    truncated: NDArray[np.bool_]  # (k,), True at the time limit
 
     @property
     def over(self) -> NDArray[np.bool_]:
@@ -37,17 +37,17 @@ class Outcome(NamedTuple):
 
 @runtime_checkable
 class EngineEnvironment(Protocol):
-    """Environment whose steps are computed by its engine alone."""
+    """Interface of environments whose engine can be stepped without them."""
 
     max_episode_steps: int
 
     def release_engine(self) -> Engine:
-        """Return the engine of the episode under way, which the environment no longer steps."""
+        """End the environment's own episode, and return its engine, to be stepped by the caller."""
         ...
 
 
 def lock_step(environments: Sequence[gymnasium.Env[Any, Any]], threads: int = 1) -> "LockStep":
-    """Return the fastest stepper for new `environments` of one kind.
+    """Return the fastest stepper for new `environments` of one class.
 
     Raises:
         ValueError: if there are more threads than environments, or several without the benchmark's engine.
@@ -62,10 +62,10 @@ def lock_step(environments: Sequence[gymnasium.Env[Any, Any]], threads: int = 1)
 
 
 class LockStep:
-    """Stepper that steps n environments of one kind in turn.
+    """Stepper of n environments of one class, one after the other.
 
     Attributes:
-        episodic_returns: sum of the rewards of each episode so far (n,).
+        episodic_returns: sums of the rewards of the current episodes (n,).
     """
 
     def __init__(self, environments: Sequence[gymnasium.Env[Any, Any]]) -> None:
@@ -78,7 +78,7 @@ class LockStep:
     def reset(
         self, rows: NDArray[np.int64], seeds: Sequence[int | None], tasks: Iterable[Task | None]
     ) -> tuple[NDArray[np.float32], Task]:
-        """Begin episodes in some environments; the first call must begin one in each.
+        """Reset the environments `rows`; the first call must reset all.
 
         Args:
             rows: indices of the environments (k,).
@@ -119,7 +119,7 @@ class LockStep:
 
 
 class EngineLockStep(LockStep):
-    """Stepper that steps environments with engines in one compiled call."""
+    """Stepper of environments with engines, in one compiled call."""
 
     def __init__(self, environments: Sequence[gymnasium.Env[Any, Any]], threads: int = 1) -> None:
         super().__init__(environments)
@@ -135,10 +135,10 @@ class EngineLockStep(LockStep):
     def reset(
         self, rows: NDArray[np.int64], seeds: Sequence[int | None], tasks: Iterable[Task | None]
     ) -> tuple[NDArray[np.float32], Task]:
-        """Begin episodes in some environments; see `LockStep`."""
+        """Reset the environments `rows`; see `LockStep`."""
         observations, played = super().reset(rows, seeds, tasks)
         choice = engine_in_use()
-        if choice.name != "compiled":  # each environment steps its own engine
+        if choice.name != "compiled":  # steps are taken by the environments
             if self._threads > 1:
                 raise ValueError(
                     f"threads = {self._threads}: expected 1 with the {choice.name} engine ({choice.reason})"
@@ -168,7 +168,7 @@ OPTIONS = ("reset_mask", "task")  # options of a reset
 
 
 class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
-    """Environments of one kind, stepped together with bit-for-bit the same results as alone.
+    """Vector environment, with bit-for-bit the same results as its environments alone.
 
     Each world begins its next episode as in Gymnasium's vector environments: in the next step, whose action
     is ignored (NEXT_STEP), in the same step, with the last observation and info under "final_obs" and
@@ -179,7 +179,7 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
     must be reset before its first step, as after `close`.
 
     Args:
-        environments: new environments of one kind.
+        environments: new environments of one class.
         threads: number of threads from the first reset until `close`, which does not change results. A
             forked process has one.
         autoreset_mode: mode or its value ("NextStep").
@@ -240,13 +240,13 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
 
     @property
     def envs(self) -> tuple[Environment, ...]:
-        """The n environments, for access to attributes; their engines are stepped without them."""
+        """The n environments, for access to attributes only, since their engines are stepped without them."""
         return tuple(self._environments)
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observations, dict[str, Any]]:
-        """Begin episodes in all worlds, or in those of a mask.
+        """Reset all worlds, or those of a mask.
 
         Args:
             seed: seeds of the worlds, or that of the first one, from which the others count up.
@@ -273,7 +273,7 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
     def step(
         self, actions: ArrayLike
     ) -> tuple[Observations, NDArray[np.float64], Flags, Flags, dict[str, Any]]:
-        """Advance every world by one step with `actions` (n, a), or begin its next episode.
+        """Step all worlds with `actions` (n, a), and reset those whose episodes have ended.
 
         No world moves if an error is raised.
 
@@ -306,11 +306,11 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         return observations, rewards, terminated, truncated, info
 
     def get_attr(self, name: str) -> tuple[Any, ...]:
-        """Return an attribute of each environment."""
+        """Return the values of an attribute of all environments."""
         return self.call(name)
 
     def set_attr(self, name: str, values: Any) -> None:
-        """Set an attribute of each environment.
+        """Set an attribute of all environments.
 
         Args:
             name: name of the attribute, such as "max_episode_steps".
@@ -328,7 +328,7 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         self._read_mastery_returns()
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
-        """Return the results of a method of each environment, or the values of an attribute."""
+        """Return the results of a method of all environments, or the values of an attribute."""
         attributes = [environment.get_wrapper_attr(name) for environment in self._environments]
         return tuple(value(*args, **kwargs) if callable(value) else value for value in attributes)
 
@@ -346,7 +346,7 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         return VectorEnvironment, arguments, {"spec": self.spec}
 
     def _begin(self, mask: Flags, seeds: Sequence[int | None], tasks: Sequence[Task | None]) -> Observations:
-        """Begin episodes in the worlds of `mask`, and return the observations of all worlds, uncopied."""
+        """Reset the worlds of `mask`, and return the observations of all worlds, without copying."""
         chosen = self._rows[mask]
         self._running[chosen] = False  # remains False if a task is refused
         observations, played = self._worlds.reset(
@@ -359,7 +359,7 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         return self._observations
 
     def _step_after_ends(self, actions: NDArray[np.float32]) -> tuple[Outcome, Flags]:
-        """Begin episodes in worlds whose last one has ended, step the others, and return a mask of those."""
+        """Reset worlds whose episodes have ended, step the others, and return the results and a step mask."""
         moved, begun = self._running.copy(), self._ended.copy()
         if self.autoreset_mode is AutoresetMode.DISABLED or not (moved | begun).all():
             over = ", ".join(map(str, self._rows[~moved]))
@@ -377,7 +377,7 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         return Outcome(observations, rewards, terminated, truncated), moved
 
     def _begin_same_step(self, over: Flags, success: Flags) -> dict[str, Any]:
-        """Begin the next episodes in the worlds `over`, and return the `info` of the step."""
+        """Reset the worlds `over`, and return the `info` of the step."""
         assert self._observations is not None
         last = np.full(self.num_envs, None, dtype=object)
         for row in self._rows[over]:
@@ -418,7 +418,7 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         return list(values)
 
     def _chosen_task(self, task: Task | None) -> Task | None:
-        """Return `task` or, if it is None, the result of `next_task`; None means that one is drawn."""
+        """Return `task`, or else the result of `next_task`, or None for a random task."""
         if task is not None or self.next_task is None:
             return task
         return np.asarray(task_values(self.next_task(), self.valid_domain), np.float32)
@@ -470,7 +470,7 @@ def make_vector_environment(
 
 
 def _shortened(environment: Environment, steps: int) -> Environment:
-    """Return `environment` with episodes of at most `steps`, which must not exceed its own limit."""
+    """Return `environment` with its episodes limited to `steps`, at most its own limit."""
     check_whole("max_episode_steps", steps, least=1)
     if not isinstance(environment, EngineEnvironment):
         return TimeLimit(environment, steps)
@@ -483,6 +483,6 @@ def _shortened(environment: Environment, steps: int) -> Environment:
     return environment
 
 
-# entry points of `gymnasium.make_vec`
+# entry points for `gymnasium.make_vec`
 stump_tracks = partial(make_vector_environment, "stump_tracks")
 parkour = partial(make_vector_environment, "parkour")

@@ -1,4 +1,4 @@
-"""Protocol of the physics engines and the settings that they share."""
+"""Interface of the physics engines, and their common settings."""
 
 from typing import NamedTuple, Protocol
 
@@ -9,29 +9,29 @@ from tma_ray.embodiments import Embodiment
 from tma_ray.physics.rules import StepArrays
 from tma_ray.terrain import Terrain
 
-PHYSICS_VERSION = 3  # raised by every change that affects trajectories; part of each run's identity
+PHYSICS_VERSION = 3  # part of each run's identity; raised by every change to trajectories
 
 TIME_STEP = 1 / 50  # time between two actions, in s
 GRAVITY = -10.0  # in m/s²
-CEILING_TYPE = 1 << 20  # collision type of the ceiling's shapes
-HANGING_STEPS = 6  # steps with closed grips before the episode of a hanging body; others take one step
+CEILING_TYPE = 1 << 20  # Chipmunk's collision type of ceiling shapes
+HANGING_STEPS = 6  # steps with closed grips before a hanging body's episode; other bodies take one
 
 
 class SolverSettings(NamedTuple):
-    """Settings of Chipmunk's solver, chosen by the measurements in docs/fidelity.md."""
+    """Settings of Chipmunk's solver, based on measurements in docs/fidelity.md."""
 
     iterations: int = 30  # solver iterations per substep
     substeps: int = 2  # substeps per time step
-    # share, in (0, 1], of a time step's substeps in which the motors act, from the first one on. The torque
-    # is divided by it, which keeps the largest impulse of a time step
+    # share, in (0, 1], of the substeps in which motors act, from the first one on; torques are divided by it
+    # to keep the largest impulse of a time step
     motor_share: float = 1.0
     joint_error_bias: float = 0.5**60  # share of a joint's error left after one second
-    # highest speed back into a joint's limits, in rad/s. The joint keeps that speed in Chipmunk, so
-    # that a high one would be a bounce, which Box2D's limits do not have
+    # highest speed back into a joint's limits, in rad/s: Chipmunk's joints keep it, so that a high speed
+    # would make them bounce, unlike Box2D's
     limit_correction_speed: float = 0.1
     collision_bias: float = 0.5**60  # share of a penetration left after one second
     collision_slop: float = 0.005  # allowed penetration, in m
-    skin_radius: float = 0.01  # rounding around every part, in m (as around Box2D's polygons)
+    skin_radius: float = 0.01  # radius by which parts are rounded, in m (as Box2D's polygons)
 
 
 def settings_for(body: Embodiment) -> SolverSettings:
@@ -65,13 +65,14 @@ class Engine(Protocol):
 
     @property
     def creeper_poses(self) -> NDArray[np.float64]:
-        """Each creeper's centre in m, cosine and sine of its angle (c, 4)."""
+        """Poses of the creepers (c, 4): centre in m, cosine and sine of the angle."""
         ...
 
     def reset(self, terrain: Terrain, push: float) -> NDArray[np.float32]:
-        """Build a new world, run a step without torque like the original release, and return the observation.
+        """Build a new world, run the steps before an episode, and return the observation.
 
-        Under a ceiling, a body with grip sensors starts hanging and runs HANGING_STEPS instead.
+        This is one step without torque, as in the original release. Under a ceiling, a body with grip sensors
+        starts hanging and runs HANGING_STEPS instead.
 
         Args:
             terrain: terrain of the world.
@@ -91,9 +92,9 @@ class Engine(Protocol):
 
 
 def first_steps(engine: Engine, hanging: bool) -> NDArray[np.float32]:
-    """Run the steps that precede an episode, with closed grips if `hanging`, and return the observation (o,).
+    """Run the steps before an episode, with closed grips if `hanging`, and return the observation (o,).
 
-    They do not count as time in a medium.
+    They do not count as steps under or outside water.
     """
     motors, grips = len(engine.arrays.motors), len(engine.arrays.grips)
     action = np.zeros(motors + grips)

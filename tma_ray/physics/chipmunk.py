@@ -1,4 +1,4 @@
-"""Construction of a body and a terrain in a Chipmunk space from arrays."""
+"""Construction of bodies, terrain and creepers in a Chipmunk space."""
 
 import math
 from functools import cache
@@ -13,13 +13,13 @@ from tma_ray.physics.base import CEILING_TYPE, TIME_STEP, SolverSettings
 from tma_ray.physics.rules import BodyArrays, StepArrays, body_arrays
 from tma_ray.terrain import FIXED, Terrain
 
-SETTLING_STEPS = 20  # steps in which a body bends into its limits; the softest joints keep 2 % of the error
-CLOSING_SWEEPS = 60  # corrections of each joint of a stretched body (like Box2D's position iterations)
-CONTACT_CORRECTION = 0.2  # share of a penetration that one sweep corrects (value of Box2D)
+SETTLING_STEPS = 20  # steps to correct a body's joint angles; the softest joints keep 2 % of the error
+CLOSING_SWEEPS = 60  # corrections of every joint of a stretched body (as Box2D's position iterations)
+CONTACT_CORRECTION = 0.2  # share of a penetration corrected per sweep (as in Box2D)
 
 
 def add_terrain(space: pymunk.Space, terrain: Terrain) -> None:
-    """Add the solids of `terrain` to `space`; those of the ceiling get the collision type CEILING_TYPE."""
+    """Add the solids of `terrain` to `space`, those of the ceiling with the collision type CEILING_TYPE."""
     shapes = [pymunk.Poly(space.static_body, corners) for corners in terrain.solids.tolist()]
     for index, shape in enumerate(shapes):
         shape.friction = math.sqrt(terrain.friction)
@@ -31,7 +31,7 @@ def add_terrain(space: pymunk.Space, terrain: Terrain) -> None:
 def add_parts(
     space: pymunk.Space, body: BodyArrays, spawn: NDArray[np.float64], skin_radius: float
 ) -> list[pymunk.Body]:
-    """Add the parts of `body` to `space` and return them; part i gets the collision type i + 1."""
+    """Add the parts of `body` to `space`, part i with the collision type i + 1, and return them."""
     parts = []
     for index in range(len(body.mass)):
         part = pymunk.Body(body.mass[index], body.inertia[index])
@@ -71,7 +71,7 @@ def add_joints(
 
 
 def hung(terrain: Terrain, body: BodyArrays, step: StepArrays) -> Terrain:
-    """Return `terrain` with the spawn point at which `body`'s highest grip sensor reaches the ceiling."""
+    """Return `terrain` with a spawn point at which the highest grip sensor touches the ceiling."""
     heights = []
     for part, (x, y, _) in zip(step.grip_part, step.grips, strict=True):
         turned = math.sin(body.angle[part]) * x + math.cos(body.angle[part]) * y
@@ -82,10 +82,10 @@ def hung(terrain: Terrain, body: BodyArrays, step: StepArrays) -> Terrain:
 
 @cache
 def settled(embodiment: Embodiment, settings: SolverSettings) -> BodyArrays:
-    """Return the arrays of `embodiment`, bent into its joint limits, with its stretched joints closed.
+    """Return the arrays of `embodiment` in a pose within joint limits, with stretched joints closed.
 
     Bodies are drawn straight, which may be outside their limits. Box2D corrects that within the first step
-    and without adding velocity; Chipmunk would add some, so the body is settled in an empty space.
+    and without adding velocity; Chipmunk would add some, so the pose is computed in an empty space.
     """
     body = body_arrays(embodiment)
     if embodiment.stretched:
@@ -103,7 +103,7 @@ def _closed(body: BodyArrays, settings: SolverSettings) -> BodyArrays:
     for all of them at once would lift the body onto stiff legs.
     """
     for _ in range(CLOSING_SWEEPS):
-        space, parts = _still_space(body, settings)  # a new space each time: a reused one keeps its impulses
+        space, parts = _still_space(body, settings)  # a reused space would keep impulses
         space.iterations = 1
         for constraint in space.constraints:
             constraint.error_bias = 0.0
@@ -112,14 +112,14 @@ def _closed(body: BodyArrays, settings: SolverSettings) -> BodyArrays:
         space.add(
             pymunk.Poly(space.static_body, [(-100.0, -10.0), (100.0, -10.0), (100.0, 0.0), (-100.0, 0.0)])
         )
-        for _ in range(2):  # the second step applies the corrections of the first
+        for _ in range(2):  # positions move by the corrections one step later
             space.step(TIME_STEP)
         body = _posed(body, parts)
     return body
 
 
 def _still_space(body: BodyArrays, settings: SolverSettings) -> tuple[pymunk.Space, list[pymunk.Body]]:
-    """Return a space without gravity or momentum, and the parts of `body` in it."""
+    """Return a space without gravity and momentum that contains `body`, and the body's parts."""
     space = pymunk.Space()
     space.damping = 0.0
     parts = add_parts(space, body, np.zeros(2), settings.skin_radius)
@@ -137,16 +137,16 @@ def _posed(body: BodyArrays, parts: list[pymunk.Body]) -> BodyArrays:
 
 
 DENSITY = 5.0  # density of creepers, in kg/m² (original release)
-LARGEST_ANGLE = 0.4 * np.pi  # between a creeper's part and its holder, in rad (original release)
+LARGEST_ANGLE = 0.4 * np.pi  # largest angle between a creeper and its holder, in rad (original release)
 
 
 class Chains(NamedTuple):
-    """Arrays from which an engine builds c creepers; empty if none of them swings.
+    """Physical properties of c creepers, empty if none of them swings.
 
     Values of fixed creepers are not used.
     """
 
-    holders: NDArray[np.int64]  # holder of each creeper (c,), as in Terrain
+    holders: NDArray[np.int64]  # holders (c,), as in Terrain
     mass: NDArray[np.float64]  # masses (c,), in kg
     inertia: NDArray[np.float64]  # moments of inertia about the centres (c,), in kg m²
     centre: NDArray[np.float64]  # centres at rest (c, 2), in m
@@ -154,7 +154,7 @@ class Chains(NamedTuple):
 
 
 def chains(terrain: Terrain) -> Chains:
-    """Return the arrays from which an engine builds the creepers of `terrain`."""
+    """Return the physical properties of the creepers of `terrain`."""
     if not (terrain.holders != FIXED).any():
         return Chains(np.empty(0, np.int64), *(np.empty((0, *rest)) for rest in ((), (), (2,), (2, 2))))
     low, high = terrain.creepers[:, :2], terrain.creepers[:, 2:]

@@ -4,7 +4,7 @@ The functions run compiled or as plain Python, with the same bits. Their argumen
 
 - `state` (p, 6): each part's origin x, y, angle, velocity x, y of its centre of mass, and angular velocity
   (m, rad, s); `rotations` (p, 2): cosine and sine of each part's angle;
-- `contacts` (p, 2): number of pieces of ground and of ceiling that each part touches;
+- `contacts` (p, 2): number of ground and of ceiling solids that each part touches;
 - `medium` (2,): consecutive steps under water and outside it;
 - `grips` (g, 2): object that each grip sensor touches and holds.
 """
@@ -21,12 +21,12 @@ from tma_ray.terrain import FIXED, Terrain
 
 
 class World(NamedTuple):
-    """Terrain, water and creepers in the form that sensors and grips need."""
+    """Terrain, water and creepers, as used by sensors and grips."""
 
     ground: NDArray[np.float64]  # lidar segments of the ground (m, 4), as in Terrain
     ceiling: NDArray[np.float64]  # lidar segments of the ceiling (k, 4), as in Terrain
     creepers: NDArray[np.float64]  # rectangles at rest (c, 4), as in Terrain
-    poses: NDArray[np.float64]  # centre in m of each creeper, cosine and sine of its angle (c, 4)
+    poses: NDArray[np.float64]  # poses of the creepers (c, 4): centre in m, cosine and sine of the angle
     movable: NDArray[np.int64]  # 1 for swinging creepers, otherwise 0 (c,)
     sway: float  # largest distance of any creeper from its rest position, in m
     water_y: float  # height of the water's surface, in m; -inf in a dry world
@@ -34,7 +34,7 @@ class World(NamedTuple):
 
 
 def world_of(terrain: Terrain) -> World:
-    """Return the world of `terrain` with creepers at rest, as contiguous arrays."""
+    """Return the world of `terrain`, with creepers at rest and contiguous arrays."""
     poses = np.zeros((len(terrain.creepers), 4))
     poses[:, :2] = (terrain.creepers[:, :2] + terrain.creepers[:, 2:]) / 2
     poses[:, 2] = 1.0
@@ -71,9 +71,10 @@ SOLID, CREEPER, WATER = 0.0, 1.0, -1.0  # kinds of objects hit by a lidar; SOLID
 
 @kernel
 def cast_ray(x: float, y: float, ray: Floats, world: World) -> tuple[float, float]:
-    """Return the share of a ray's length up to its first hit (1 without one), and the kind of object hit.
+    """Return the distance of a ray's first hit as a share of its length, and the kind of object hit.
 
-    Objects that contain the start (x, y) are not hit. The end of `ray` (2,) is relative to the start, in m.
+    Without a hit, the share is 1. Objects that contain the start (x, y) are not hit. The end of `ray` (2,) is
+    relative to the start, in m.
     """
     nearest = hit_fraction(x, y, ray, world.ground, GROUND_SIDE)
     if len(world.ceiling) > 0:
@@ -92,7 +93,7 @@ def cast_ray(x: float, y: float, ray: Floats, world: World) -> tuple[float, floa
 
 @kernel
 def first_segment(surface: Floats, x: float) -> int:
-    """Return the index of the first of m segments, sorted by x, that does not end before `x`."""
+    """Return the index of the first segment of `surface` (m, 4) that ends at `x` or later (bisection)."""
     low, high = 0, len(surface)
     while low < high:
         middle = (low + high) // 2
@@ -105,7 +106,7 @@ def first_segment(surface: Floats, x: float) -> int:
 
 @kernel
 def hit_fraction(x: float, y: float, ray: Floats, surface: Floats, side: float) -> float:
-    """Return the share of a ray's length at which it enters a surface (m, 4), 1 without a hit."""
+    """Return the distance at which a ray hits `surface` (m, 4), as a share of its length; 1 if none."""
     nearest = 1.0
     reach = max(x, x + ray[0])
     index = first_segment(surface, min(x, x + ray[0]))
@@ -124,7 +125,7 @@ def hit_fraction(x: float, y: float, ray: Floats, surface: Floats, side: float) 
 
 @kernel
 def creepers_between(left: float, right: float, world: World) -> tuple[int, int]:
-    """Return the range of indices of all creepers, and possibly more, between two x (m)."""
+    """Return a range of indices that includes all creepers between two values of x, in m."""
     first = first_segment(world.creepers, left - world.sway)
     last = first
     while last < len(world.creepers) and world.creepers[last, 0] <= right + world.sway:
@@ -134,7 +135,7 @@ def creepers_between(left: float, right: float, world: World) -> tuple[int, int]
 
 @kernel
 def _creeper_fraction(x: float, y: float, ray: Floats, world: World) -> float:
-    """Return the share of a ray's length at which it first enters a creeper, 1 without a hit."""
+    """Return the distance at which a ray hits a creeper, as a share of its length; 1 if none."""
     nearest = 1.0
     first, last = creepers_between(min(x, x + ray[0]), max(x, x + ray[0]), world)
     for index in range(first, last):
@@ -144,7 +145,7 @@ def _creeper_fraction(x: float, y: float, ray: Floats, world: World) -> float:
 
 @kernel
 def _box_fraction(x: float, y: float, ray: Floats, rectangle: Floats, pose: Floats) -> float:
-    """Return the share of a ray's length at which it enters a rotated rectangle, 1 without a hit.
+    """Return the distance at which a ray hits a rectangle, as a share of its length; 1 if none.
 
     The ray is clipped by the rectangle's two pairs of sides, in the rectangle's axes.
     """
@@ -168,15 +169,15 @@ def _box_fraction(x: float, y: float, ray: Floats, rectangle: Floats, pose: Floa
     return enter if outside and enter <= leave else 1.0
 
 
-SKIN = 0.01  # reach of a sensor beyond its radius, in m: the polygon margin of the original release
-NOTHING, CEILING = -2, -1  # objects that a sensor touches or holds; others are creepers, by index
+SKIN = 0.01  # reach of grip sensors beyond their radius, in m (margin of polygons in the original release)
+NOTHING, CEILING = -2, -1  # values for touched and held objects; creepers have their index
 
 
 @kernel
 def update_grip_contacts(
     state: Floats, rotations: Floats, body: StepArrays, world: World, points: Floats, grips: NDArray[np.int64]
 ) -> None:
-    """Write the sensors' positions in m to `points` (g, 2), and the touched objects to `grips`."""
+    """Write the positions of the grip sensors in m to `points` (g, 2), and touched objects to `grips`."""
     for sensor in range(len(body.grips)):
         part = body.grip_part[sensor]
         x, y, radius = body.grips[sensor]
@@ -188,7 +189,7 @@ def update_grip_contacts(
 
 @kernel
 def graspable(x: float, y: float, reach: float, world: World) -> int:
-    """Return the object within `reach` m of a point: the index of a creeper, else CEILING or NOTHING."""
+    """Return an object within `reach` m of a point: the index of a creeper, CEILING or NOTHING."""
     first, last = creepers_between(x - reach, x + reach, world)
     for index in range(first, last):
         if _near_box(x, y, reach, world.creepers[index], world.poses[index]):
@@ -224,7 +225,7 @@ def _near_segment(x: float, y: float, reach: float, segment: Floats) -> bool:
 
 @kernel
 def holder_anchor(point: Floats, held: int, world: World) -> tuple[float, float]:
-    """Return `point` in the frame of its holder, which is a swinging creeper or the world."""
+    """Return `point` in the frame of the `held` object: a swinging creeper, or else the world."""
     if held < 0 or world.movable[held] == 0:
         return point[0], point[1]
     pose = world.poses[held]
@@ -235,12 +236,12 @@ def holder_anchor(point: Floats, held: int, world: World) -> tuple[float, float]
 Integers = NDArray[np.int64]
 
 FORWARD_WEIGHT = 130 / 30  # reward per metre that the head moves forward
-FALL_REWARD = -100.0  # reward of the step in which the body falls or leaves the track backwards
+FALL_REWARD = -100.0  # reward of a step in which the body falls or moves behind the start
 
 
 @kernel
 def command_motors(action: Floats, alive: bool, body: StepArrays, commands: Floats) -> float:
-    """Write each motor's target speed (rad/s) and largest torque (N m) to `commands` (j, 2).
+    """Write the motors' target speeds (rad/s) and largest torques (N m) to `commands` (j, 2).
 
     The sign of an action is the direction, its absolute value (at most 1) the share of the torque; 0 leaves
     the joint limp. `action` (j + g,) becomes 0 if the body is not `alive`.
@@ -266,7 +267,7 @@ def command_motors(action: Floats, alive: bool, body: StepArrays, commands: Floa
 
 @kernel
 def survives(medium: Integers, body: StepArrays) -> bool:
-    """Return True if the body is alive after its steps in a `medium`."""
+    """Return True if the body has not been under or outside water for too long."""
     drowned = 0 <= body.survivable[0] < medium[0]
     dried = 0 <= body.survivable[1] < medium[1]
     return not (drowned or dried)
@@ -274,7 +275,7 @@ def survives(medium: Integers, body: StepArrays) -> bool:
 
 @kernel
 def count_breath(state: Floats, water_y: float, body: StepArrays, medium: Integers) -> None:
-    """Count a step of the head in its `medium`, unless the body is dead."""
+    """Count a step under or outside water in `medium`, unless the body is dead."""
     if survives(medium, body):
         submerged = state[body.head, 1] <= water_y
         medium[0] = medium[0] + 1 if submerged else 0
@@ -291,11 +292,11 @@ def observe(
     world: World,
     observation: NDArray[np.float32],
 ) -> None:
-    """Write the `observation` (o,), in the release's units and order.
+    """Write the `observation` (o,), in the units and order of the original release.
 
-    It holds the head; with `observes_medium`, whether the head is under water and the body was dead when it
-    acted; joints and contacts; what each grip sensor touches and holds; lidars, and what they hit. `medium`
-    is that before this step.
+    It has the head's state; with `observes_medium`, flags for a head under water and for a body that was dead
+    before the step; joints and contacts; flags for grip sensors that touch and that hold; lidar distances and
+    the kinds of objects hit. `medium` is from before this step.
     """
     head = state[body.head]
     observation[0] = head[2]
@@ -325,7 +326,7 @@ def observe(
 
 @kernel
 def _observe_lidars(head: Floats, body: StepArrays, world: World, observation: NDArray[np.float32]) -> None:
-    """Write the distances of the rays' hits, and the kinds of objects, to the end of an observation."""
+    """Write the distances of the lidar rays' hits, and the kinds of objects hit, to `observation`."""
     rays = len(body.rays)
     for ray in range(rays):
         fraction, kind = cast_ray(head[0], head[1], body.rays[ray], world)
@@ -336,7 +337,7 @@ def _observe_lidars(head: Floats, body: StepArrays, world: World, observation: N
 
 @kernel
 def shaping(state: Floats, body: StepArrays) -> float:
-    """Return the potential of reward shaping: progress of the head minus its tilt."""
+    """Return the potential of the reward shaping: weighted progress of the head minus weighted tilt."""
     head = state[body.head]
     potential: float = FORWARD_WEIGHT * head[0] - body.upright_weight * abs(head[2])
     return potential
@@ -359,10 +360,10 @@ def has_fallen(state: Floats, contacts: Integers, body: StepArrays) -> bool:
 def step_outcome(
     state: Floats, contacts: Integers, body: StepArrays, goal_x: float, cost: float, before: float
 ) -> tuple[float, bool, float]:
-    """Return reward, termination and shaping after a step.
+    """Return reward, termination and shaping potential after a step.
 
-    The reward is the growth of the shaping minus `cost`, the cost of torques, or FALL_REWARD. An arrival
-    beyond `goal_x` ends the episode without a bonus.
+    The reward is the increase of the potential since `before`, minus the `cost` of torques, or FALL_REWARD.
+    The episode ends beyond `goal_x`, without a bonus.
     """
     after = shaping(state, body)
     if has_fallen(state, contacts, body):
@@ -382,7 +383,7 @@ TORQUE_SCALE = 60 / 50  # the original release computes torques for steps of 1/6
 def water_forces(
     state: Floats, rotations: Floats, torques: Floats, body: StepArrays, water_y: float, forces: Floats
 ) -> bool:
-    """Write the `forces` of still water on each part, and return True if there are any.
+    """Write the `forces` of still water on the parts, and return True if any part is submerged.
 
     These are a force on the centre of mass, x and y in N, and a torque about it in N m (p, 3). `torques` (j,)
     are those of the motors in the last step, in N m.
@@ -400,7 +401,7 @@ def water_forces(
 
 @kernel
 def _submerged(part: int, pose: Floats, rotation: Floats, body: StepArrays, water_y: float) -> Floats:
-    """Return the corners (k, 2) of a part's submerged area in world coordinates, counter-clockwise."""
+    """Return the corners (k, 2) of the submerged area of a part, counter-clockwise, in world coordinates."""
     first, count = body.first_vertex[part], body.first_vertex[part + 1] - body.first_vertex[part]
     corners = np.empty((count, 2))
     for index in range(count):
@@ -431,7 +432,7 @@ def _press(
     body: StepArrays,
     force: Floats,
 ) -> None:
-    """Add the forces on the submerged `polygon` of a part to `force` (3,)."""
+    """Add buoyancy, drag, lift and propulsion of a part's submerged `polygon` to `force` (3,)."""
     rotation = rotations[part]
     across, up = body.bounds[part, 2], body.bounds[part, 3]
     centre_x = state[part, 0] + rotation[0] * across - rotation[1] * up
@@ -469,7 +470,7 @@ def _centroid(polygon: Floats) -> tuple[float, float]:
 def _resist(
     edge: tuple[float, float, float], lever: tuple[float, float], motion: Floats, force: Floats
 ) -> None:
-    """Add drag against the motion and lift across it (paper) to `force` (3,), if an edge moves outwards.
+    """Add the drag and lift of an edge that moves outwards to `force` (3,) (paper).
 
     `edge` is direction and length, `lever` the middle of the edge relative to the centre of mass.
     """
@@ -497,7 +498,7 @@ def _push(
     body: StepArrays,
     force: Floats,
 ) -> None:
-    """Add the propulsion of a part by its motor, unless the joint is at a limit."""
+    """Add the propulsion of an edge by the part's motor, unless the joint is at a limit."""
     first, second = body.joint_parts[joint]
     hinge, motion = body.hinges[joint], state[second]
     if not hinge[2] < motion[2] - state[first, 2] < hinge[3]:
@@ -518,7 +519,7 @@ def _push(
 
 @kernel
 def _add(x: float, y: float, lever_x: float, lever_y: float, force: Floats) -> None:
-    """Add the force (x, y) at a lever from the centre of mass."""
+    """Add a force (x, y), applied at a lever from the centre of mass, to `force` (3,)."""
     force[0] += x
     force[1] += y
     force[2] += lever_x * y - lever_y * x

@@ -1,4 +1,4 @@
-"""Engine that uses pymunk's public API: portable, and the reference for the compiled engine."""
+"""Portable engine that uses pymunk's public API, the reference for the compiled engine."""
 
 import math
 
@@ -103,13 +103,13 @@ class PymunkEngine:
     def _build(self, terrain: Terrain, push: float) -> None:
         self._world = world_of(terrain)
         self.contacts = np.zeros_like(self.contacts)
-        # a new Space each time: a reused one keeps counters that would affect later trajectories
+        # a reused Space would keep counters that affect trajectories
         self._space = space = pymunk.Space()
         space.iterations = self.settings.iterations
         space.gravity = (0.0, GRAVITY)
         space.collision_slop = self.settings.collision_slop
         space.collision_bias = self.settings.collision_bias
-        add_terrain(space, terrain)  # before the body, since the order of insertion affects trajectories
+        add_terrain(space, terrain)  # before the body: the order affects trajectories
         self._parts = add_parts(space, self._body, terrain.spawn, self.settings.skin_radius)
         self._motors, _ = add_joints(space, self._body, self._parts, self.settings)
         self._creepers = add_creepers(space, chains(terrain), self.settings)
@@ -120,7 +120,7 @@ class PymunkEngine:
             self._parts[index].apply_impulse_at_local_point((push * TIME_STEP, 0.0), centre)
 
     def _drive(self, share: float) -> None:
-        """Command the motors, with their torques multiplied by `share`."""
+        """Set the motors' target speeds and largest torques, multiplied by `share`."""
         for motor, (speed, torque) in zip(self._motors, self._commands.tolist(), strict=True):
             motor.rate = -speed  # Chipmunk's rate is the speed of the first part relative to the second
             motor.max_force = share * torque

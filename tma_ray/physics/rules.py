@@ -1,4 +1,4 @@
-"""Rules of an environment, with the arrays and signals of a body under these rules."""
+"""Rules of an environment, and arrays and signals of a body in it."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -10,7 +10,7 @@ from tma_ray.embodiments import Embodiment, GripSensor, Joint, LidarLayout, Part
 
 
 class BodyArrays(NamedTuple):
-    """Arrays from which an engine builds p parts and h joints, those with motors first."""
+    """Physical properties of a body with p parts and h joints, those with motors first."""
 
     mass: NDArray[np.float64]  # masses (p,) in kg, including those of a part's grip sensors
     inertia: NDArray[np.float64]  # moments of inertia about the centre of mass (p,), in kg m²
@@ -20,7 +20,7 @@ class BodyArrays(NamedTuple):
     friction: NDArray[np.float64]  # friction coefficients (p,)
     vertices: NDArray[np.float64]  # corners of all parts in their frames (v, 2), in m
     first_vertex: NDArray[np.int64]  # offsets of the parts' vertices (p + 1,)
-    pushed: NDArray[np.bool_]  # True for parts that receive the push at the start of an episode (p,)
+    pushed: NDArray[np.bool_]  # True for parts that are pushed in the first step (p,)
     joint_parts: NDArray[np.int64]  # indices of the two parts of each joint (h, 2)
     anchors: NDArray[np.float64]  # anchors of each joint in the frames of its two parts (h, 2, 2), in m
     limits: NDArray[np.float64]  # lowest and highest angle between the two parts (h, 2), in rad
@@ -28,7 +28,7 @@ class BodyArrays(NamedTuple):
 
 
 def body_arrays(body: Embodiment) -> BodyArrays:
-    """Return the arrays from which an engine builds `body`."""
+    """Return the physical properties of `body`."""
     counts = [len(part.shape.vertices) for part in body.parts]
     joints = (*body.motors, *body.passive_joints)
     masses = [
@@ -58,19 +58,19 @@ def body_arrays(body: Embodiment) -> BodyArrays:
 
 
 def joint_parts(body: Embodiment, joints: tuple[Joint, ...]) -> NDArray[np.int64]:
-    """Return the indices of the two parts of each of `joints` (h, 2)."""
+    """Return the indices (h, 2) of the two parts of each joint."""
     pairs = [[body.part_index(j.part_a), body.part_index(j.part_b)] for j in joints]
     return np.array(pairs, dtype=np.int64).reshape(-1, 2)
 
 
 def drawn_angle(body: Embodiment, joint: Joint) -> float:
-    """Return the angle between a joint's second part and its first at joint angle 0."""
+    """Return the angle from a joint's first part to its second as drawn, at joint angle 0, in rad."""
     first, second = (body.parts[body.part_index(name)] for name in (joint.part_a, joint.part_b))
     return second.angle - first.angle
 
 
 def _mass(part: Part, sensors: list[GripSensor]) -> tuple[float, Point, float]:
-    """Return the mass of `part` with its `sensors`, their centre of mass, and the inertia about it."""
+    """Return mass, centre of mass and moment of inertia of `part`, including its `sensors`."""
     if not sensors:
         return part.mass, part.shape.centroid, part.inertia
     masses = np.array([part.mass, *[sensor.mass for sensor in sensors]])
@@ -84,7 +84,7 @@ def _mass(part: Part, sensors: list[GripSensor]) -> tuple[float, Point, float]:
 LIDARS = 10  # number of rays
 LIDAR_RANGE = 160 / 30  # length of a ray, in m
 UPRIGHT_WEIGHT = 5.0  # reward per radian by which the head's tilt decreases
-NO_LIMIT = -1  # stands for any number of steps survived in a medium
+NO_LIMIT = -1  # value for unlimited steps
 
 # factors that scale the observed velocities of the head
 ANGULAR_VELOCITY_SCALE = 2 / 50
@@ -96,7 +96,7 @@ Integers = NDArray[np.int64]
 
 
 class Rules(NamedTuple):
-    """Everything in which environments differ other than terrain."""
+    """Rules of an environment, apart from its terrain."""
 
     environment: str  # name of the environment, which selects a body's critical parts
     lidars: LidarLayout  # directions of the rays
@@ -107,7 +107,7 @@ class StepArrays(NamedTuple):
     """Constants of a body for the kernels: p parts, v corners, j motors, g grip sensors and r lidar rays."""
 
     head: int  # index of the head among the parts
-    observes_medium: int  # 1 if observations contain the medium, otherwise 0
+    observes_medium: int  # 1 if observations contain water and death, otherwise 0
     may_touch_ceiling: int  # 1 if critical parts may touch the ceiling, otherwise 0
     survivable: Integers  # steps that the body survives under water and outside it (2,), or NO_LIMIT
     critical: Integers  # 1 for parts whose contact ends the episode, otherwise 0 (p,)
@@ -116,21 +116,21 @@ class StepArrays(NamedTuple):
     first_vertex: Integers  # offsets of the parts' vertices (p + 1,)
     grip_part: Integers  # index of the part that each sensor is welded to (g,)
     torque_cost: float  # reward deducted per action and step at full torque
-    upright_weight: float  # reward per radian of tilt, 0 if the tilt does not count
+    upright_weight: float  # penalty per radian of tilt
     motors: Floats  # torque in N m, speed in rad/s, and offset of the observed angle in rad (j, 3)
     rays: Floats  # ends of the lidar rays relative to the head (r, 2), in m
     vertices: Floats  # corners of all parts in their frames (v, 2), in m
-    # largest distance of each part's corners from its origin in m, its inertia about the origin in kg
-    # m², and its centre of mass in its frame in m (p, 4)
+    # per part: largest distance of a corner from the origin in m, moment of inertia about the origin in
+    # kg m², and centre of mass in the part's frame in m (p, 4)
     bounds: Floats
-    # anchor in the frame of the second part in m, smallest and largest angle of the second part
-    # relative to the first in rad (j, 4)
+    # per motor: anchor in the second part's frame in m, lowest and highest angle between the parts in rad
+    # (j, 4)
     hinges: Floats
-    grips: Floats  # position in the frame of its part, and radius, in m (g, 3)
+    grips: Floats  # positions of the sensors in their parts' frames, and radii, in m (g, 3)
 
 
 def step_arrays(body: Embodiment, rules: Rules) -> StepArrays:
-    """Return the arrays of `body` for the kernels under `rules`."""
+    """Return the constants of `body` under `rules`, for the kernels."""
     built, joints, sensors = body_arrays(body), body.motors, body.grip_sensors
     contacts = [-1 if j.contact_part is None else body.part_index(j.contact_part) for j in joints]
     motors = [(j.motor_torque, j.motor_speed, j.angle_offset - drawn_angle(body, j)) for j in joints]
@@ -177,7 +177,7 @@ def lidar_angles(layout: LidarLayout) -> Floats:
 
 
 def observation_size(body: StepArrays) -> int:
-    """Return the number of values of an observation."""
+    """Return the length of an observation."""
     contacts, rays = int(np.sum(body.contact_part >= 0)), len(body.rays)
     medium = 2 + rays if body.observes_medium else 0
     return 4 + 2 * len(body.motors) + contacts + 2 * len(body.grips) + rays + medium
@@ -185,7 +185,7 @@ def observation_size(body: StepArrays) -> int:
 
 @dataclass(frozen=True)
 class Signal:
-    """Values of an observation or an action that belong together.
+    """Description of consecutive values of an observation or an action.
 
     Attributes:
         name: part, joint or sensor of the values.

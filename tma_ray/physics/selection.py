@@ -22,25 +22,25 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 VARIABLE = "TMA_RAY_ENGINE"  # environment variable that selects an engine: "compiled" or "pymunk"
-TRIAL_STEPS = 40  # steps on which both engines must agree before the compiled one is used
+TRIAL_STEPS = 40  # steps of the comparison between both engines
 
 
 @dataclass(frozen=True)
 class EngineChoice:
-    """The engine that this process uses."""
+    """Engine of this process, and the reason for its choice."""
 
     name: str  # "compiled" or "pymunk"
     reason: str  # reason for the choice, without a full stop
 
 
 def make_engine(body: Embodiment, rules: Rules, settings: SolverSettings | None = None) -> Engine:
-    """Return a new engine of the kind chosen by `engine_in_use`, by default with the body's own settings."""
+    """Return a new engine of this process's kind; `settings` are by default those of `body`."""
     return _engine_class(engine_in_use().name)(body, rules, settings)
 
 
 @cache
 def engine_in_use() -> EngineChoice:
-    """Return the engine of this process, chosen on the first call.
+    """Return which engine this process uses, chosen on the first call.
 
     Raises:
         ValueError: if TMA_RAY_ENGINE is neither "compiled" nor "pymunk".
@@ -72,7 +72,7 @@ def _engine_class(name: str) -> type[CompiledEngine | PymunkEngine]:
 
 
 def _try_compiled() -> None:
-    """Run a short trajectory with both engines, and compare the results.
+    """Check that both engines compute the same short trajectory.
 
     Raises:
         RuntimeError: if the trajectories differ, or Chipmunk cannot be called on this machine.

@@ -30,7 +30,7 @@ DATA: Final = Path(__file__).parent / "data"
 WASM: Final = DATA / "engine.wasm"
 ZIG: Final = "0.17.1"  # version of the PyPI package `ziglang`; other versions build other bytes
 
-UNUSED: Final = ("cpHastySpace.c", "cpPolyline.c", "cpMarch.c", "cpSpaceDebug.c")  # unused files
+UNUSED: Final = ("cpHastySpace.c", "cpPolyline.c", "cpMarch.c", "cpSpaceDebug.c")  # sources not needed
 FLAGS: Final = (
     *("--target=wasm32-wasi", "-O2", "-std=c11", "-DNDEBUG", "-DCP_OVERRIDE_MESSAGE", "-mexec-model=reactor"),
     *("-ffp-contract=off", "-fno-builtin-sincos", "-g0", "-Wl,--strip-all", "-Wl,--gc-sections"),
@@ -39,11 +39,11 @@ FLAGS: Final = (
 
 
 class CompilerMissingError(RuntimeError):
-    """Error raised if the compiler is not installed in the pinned version."""
+    """Error raised if the pinned version of the compiler is not installed."""
 
 
 def build(folder: Path | None = None) -> bytes:
-    """Build the engine as WebAssembly in a reproducible way.
+    """Build the engine as WebAssembly, with reproducible bytes.
 
     Args:
         folder: folder of Chipmunk's sources, ``Munk2D`` of pymunk's source distribution; None to download
@@ -75,14 +75,14 @@ def build(folder: Path | None = None) -> bytes:
 
 
 def require_zig() -> None:
-    """Check that the compiler is installed in the pinned version."""
+    """Check that the pinned version of the Zig compiler is installed."""
     version = metadata.version("ziglang") if find_spec("ziglang") else "none"
     if version != ZIG:
         raise CompilerMissingError(f"ziglang {version} is installed: pip install ziglang=={ZIG}")
 
 
 def kernels_in_c() -> str:
-    """Return the source of a C file with the functions that the page calls."""
+    """Return C source code of all functions called by the page."""
     body = load_embodiment("climbing_chimpanzee")
     rules = Rules("parkour", load_embodiment("fish").lidars, True)
     settings, arrays, built = settings_for(body), step_arrays(body, rules), body_arrays(body)

@@ -1,4 +1,4 @@
-"""Data of the page: bodies, worlds and constants, laid out like the engine's memory."""
+"""Data of the page: bodies, task spaces and constants."""
 
 from collections.abc import Iterable
 from typing import Any, Final
@@ -22,7 +22,7 @@ from tma_ray.terrain.terrain import STARTPAD_STEPS, TERRAIN_STEP
 C_TYPES: Final = {"float64": "double", "float32": "float", "int64": "i64", "bool": "bool"}
 INTEGER_VIEWS: Final = ("contacts", "medium", "wet", "grips", "handles", "holds")
 PLAYED: Final = ("stump_tracks", "parkour")  # environments on the page
-BODY_SIZES: Final = (0.6, 0.8, 1.25, 1.6)  # sizes offered besides a body's own
+BODY_SIZES: Final = (0.6, 0.8, 1.25, 1.6)  # factors of a body's size, besides 1
 
 
 def stored(values: NDArray[Any]) -> list[Any]:
@@ -31,7 +31,7 @@ def stored(values: NDArray[Any]) -> list[Any]:
 
 
 def body_record(body: Embodiment, environment: str) -> dict[str, Any]:
-    """Return the data that the page's engine needs about `body` in an environment."""
+    """Return the data of `body` in an environment for the page's engine."""
     made: Any = make_environment(environment, embodiment=body)
     settings = settings_for(body)
     arrays, built = step_arrays(body, made.rules), settled(body, settings)
@@ -70,12 +70,12 @@ def body_record(body: Embodiment, environment: str) -> dict[str, Any]:
 
 
 def variants(name: str) -> list[str]:
-    """Return a body's names in all sizes that the page offers, its own size first."""
+    """Return the names of a body in all sizes of the page, its own size first."""
     return [name, *(f"{name}:size={size}" for size in BODY_SIZES)]
 
 
 def bodies(names: Iterable[str]) -> dict[str, Any]:
-    """Return the records of all bodies by name and environment."""
+    """Return the records of the bodies `names`, by name and environment."""
     return {
         name: {environment: body_record(load_embodiment(name), environment) for environment in PLAYED}
         for name in names
@@ -115,7 +115,7 @@ def space_record(space: TaskSpace) -> list[dict[str, Any]]:
 
 
 def worlds() -> dict[str, Any]:
-    """Return the task spaces by environment, and Parkour's network."""
+    """Return the task spaces by environment, and the weights of Parkour's network."""
     weights = [CPPN.load().weights[name] for name in SHAPES]
     return {
         "spaces": {

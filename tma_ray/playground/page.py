@@ -1,4 +1,4 @@
-"""Playground page as one file that contains markup, style, scripts, engine, bodies and policies."""
+"""Playground page as one HTML file with style, scripts, engine, bodies and policies."""
 
 import base64
 import json
@@ -29,7 +29,7 @@ from tma_ray.support.component_names import base_name
 SOURCES: Final = Path(__file__).parent / "page"
 SCRIPTS: Final = ("engine.js", "worlds.js", "drawing.js", "play.js")
 
-RANDOM, ZERO = -2, -1  # indices of the two untrained policies, which are appended to the page's list
+RANDOM, ZERO = -2, -1  # indices of the two untrained policies, which the page's list ends with
 
 
 @dataclass(frozen=True)
@@ -70,9 +70,9 @@ def page_html(policies: Sequence[dict[str, Any]], start: Start, names: Sequence[
 
 
 def _packed(data: dict[str, Any]) -> bytes:
-    """Compress `data`, encoded as the length of a JSON text, the text, and the arrays that it references.
+    """Return `data` compressed: the length of a JSON text, the text, and the arrays that it references.
 
-    Arrays are stored byte by byte, the first bytes of all numbers first, which compresses better.
+    Arrays are stored as the first bytes of all numbers, then the second ones, which compresses better.
     """
     arrays = bytearray()
 
@@ -86,7 +86,7 @@ def _packed(data: dict[str, Any]) -> bytes:
 
 
 def policy_page(saved: SavedPolicy, results: str | Path) -> str:
-    """Return the page with one policy in its environment and body, or raise an error like `policy_record`."""
+    """Return the page with one policy in its environment and body; errors are those of `policy_record`."""
     record = policy_record(saved, results)
     return page_html([record], Start(record["environment"], record["embodiment"], (0,)))
 
@@ -179,7 +179,7 @@ def _buffers(layer: Any) -> dict[str, list[float]]:
 
 
 def _history(results: Results | None, spec: RunSpec) -> dict[str, Any]:
-    """Return the run's curriculum over time, and its test tasks with their final mastery."""
+    """Return the run's curriculum over time, and its test tasks, mastered at the end or not."""
     history: dict[str, Any] = {"curriculum": [], "tests": [], "tests_mastered": [], "mastered": None}
     if results is None:
         return history

@@ -1,4 +1,4 @@
-"""Translation to C of kernels written in a subset of Python.
+"""Translation of kernels from a subset of Python to C.
 
 As in numba, each function is specialised for the types of its arguments, and types of variables are inferred
 from assignments. Arrays are contiguous, and only constant indices may be negative. Sums and products keep
@@ -37,7 +37,7 @@ static void reset_arrays(void);
   static kind max_of_##kind(kind *p, i64 n) { kind m = *p; while (--n) m = max_##kind(m, *++p); return m; }
 EXTREMES(double) EXTREMES(float) EXTREMES(i64)
 """
-"""Beginning of every translation, in which ``new_array`` allocates memory until the next exported call."""
+"""Beginning of the C file; memory from ``new_array`` is freed at the next call of an exported function."""
 
 
 class TranslationError(ValueError):
@@ -61,11 +61,11 @@ class TupleType:
 
     @property
     def uniform(self) -> bool:
-        """True for a plain tuple whose items share one type, so that a variable can index it."""
+        """True for a plain tuple with items of one type, which a variable can index."""
         return not self.names and len(set(self.items)) == 1
 
     def member(self, index: int) -> str:
-        """Return the struct member of an item."""
+        """Return the name of the struct member of an item."""
         if self.uniform:
             return f"v[{index}]"
         return self.names[index] if self.names else f"v{index}"
@@ -88,7 +88,7 @@ def type_of(example: Any) -> Type:
 
 @dataclass
 class Translation:
-    """C code of functions, generated on demand.
+    """C file with the translations of functions and their callees.
 
     Args:
         externals: result type of every external C function, by its name in Python.
@@ -143,7 +143,7 @@ class Translation:
         return self._types[kind]
 
     def function(self, kernel: Callable[..., Any], arguments: tuple[Type, ...]) -> Value:
-        """Return the name and the result type of `kernel` for the types of its arguments."""
+        """Return the C name and result type of `kernel` for argument types, translating it on first use."""
         plain: Any = getattr(kernel, "py_func", None) or getattr(kernel, "_pyfunc", kernel)
         key = plain, arguments
         if key not in self._made:
@@ -163,7 +163,7 @@ class Translation:
         )
 
     def _unpacked(self, kind: Type, indices: Iterator[int]) -> str:
-        """Return an argument of an exported function, read from the next indices of the vector."""
+        """Return the C expression that reads an argument of an exported function from its input vector."""
         if isinstance(kind, str):
             return f"({kind})in[{next(indices)}]"
         if isinstance(kind, ArrayType):
@@ -188,7 +188,7 @@ def _leaves(code: str, kind: Type) -> Iterator[str]:
 
 
 class _Function:
-    """Translation of one function, which infers the types of its variables, then emits its statements."""
+    """Translation of one function for given types of its arguments."""
 
     def __init__(self, translation: Translation, function: Any, arguments: tuple[Type, ...]) -> None:
         self._translation, self._function = translation, function
@@ -202,7 +202,7 @@ class _Function:
         self._temporaries = 0
 
     def define(self, name: str) -> Type:
-        """Add the definition of the function, and return the type of its result."""
+        """Add the C definition of the function, and return the type of its result."""
         inferred = None
         while inferred != (self._variables, self._result):  # later assignments may change types
             inferred = dict(self._variables), self._result
@@ -228,7 +228,7 @@ class _Function:
             handler(statement)
 
     def _do_expr(self, statement: ast.Expr) -> None:
-        if not isinstance(statement.value, ast.Constant):  # not a docstring
+        if not isinstance(statement.value, ast.Constant):  # skip docstrings
             self._lines.append(f"{self._value(statement.value)[0]};")
 
     def _do_continue(self, _statement: ast.Continue) -> None:
@@ -323,7 +323,7 @@ class _Function:
         self._variables[name] = _unified(self._variables[name], kind) if name in self._variables else kind
 
     def _items(self, node: ast.expr, count: int) -> list[Value]:
-        """Return the items of an expression, all of which are evaluated before any is stored."""
+        """Return the items of an expression, evaluated before any of them is assigned."""
         if isinstance(node, ast.Tuple):
             values = [self._value(item) for item in node.elts]
             return [self._kept(value) for value in values]
@@ -473,7 +473,7 @@ class _Function:
         if module == "numpy" and name in ("empty", "zeros"):
             return self._new_array(self._sizes(self._value(node.args[0])), _dtype(node, REAL))
         values = [self._value(argument) for argument in node.args]
-        if module == "numpy" and name in ("array", "float32"):  # the array of a tuple is only stored in a row
+        if module == "numpy" and name in ("array", "float32"):  # arrays of tuples are only assigned to rows
             return values[0] if name == "array" else (f"(float)({values[0][0]})", SINGLE)
         if module in ("math", "numpy"):
             kind = values[0][1] if name in ("sqrt", "tanh") else REAL
@@ -512,7 +512,7 @@ class _Function:
         return self._kept(self._view(ArrayType(kind, len(sizes)), memory, sizes))
 
     def _shaped(self, address: str, shape: Value, kind: str) -> Value:
-        """Return an array with a shape at an address."""
+        """Return the memory at an address as an array with a shape."""
         sizes = self._sizes(shape)
         return self._view(ArrayType(kind, len(sizes)), f"({kind} *)(intptr_t)({address})", sizes)
 
@@ -567,13 +567,13 @@ _BUILT_IN: dict[str, Callable[[_Function, list[Value]], Value]] = {
 
 
 def _dtype(node: ast.Call, usual: str) -> str:
-    """Return the dtype given in the arguments of a call, otherwise the `usual` one."""
+    """Return the dtype in the arguments of a call, or else `usual`."""
     names = [argument.attr for argument in node.args if isinstance(argument, ast.Attribute)]
     return next((_TYPES[name] for name in names if name in _TYPES), usual)
 
 
 def _unified(first: Type, second: Type) -> Type:
-    """Return the common type of values of two types."""
+    """Return the type to which values of two types are promoted."""
     if first == second:
         return first
     if not (isinstance(first, str) and isinstance(second, str)):
@@ -582,10 +582,10 @@ def _unified(first: Type, second: Type) -> Type:
 
 
 def _loaded(target: ast.expr) -> ast.expr:
-    """Return the target of an assignment as an expression that reads it."""
+    """Return the target of an assignment as an expression that reads its value."""
     return ast.parse(ast.unparse(target), mode="eval").body
 
 
 def _safe(name: str) -> str:
-    """Return the name of a variable in C, avoiding keywords."""
+    """Return the C name of a variable, which is never a keyword."""
     return f"{name}_"

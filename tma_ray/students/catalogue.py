@@ -1,4 +1,4 @@
-"""Registry of students that checks names and hyper-parameters without importing torch."""
+"""Registry of students, and checks of hyper-parameters, importable without torch."""
 
 from __future__ import annotations
 

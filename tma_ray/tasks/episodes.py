@@ -18,7 +18,7 @@ class Proposal:
     Attributes:
         task: task in the task space, float32 (d,).
         trains: True if the student learns from the episode. Otherwise it plays its exploring policy without
-            storing or updating anything; the steps count towards the budget all the same.
+            storing or updating anything; the steps count towards the budget nevertheless.
     """
 
     task: Task
@@ -44,7 +44,7 @@ class EpisodeSoFar:
 
 
 def check_return(episodic_return: float, task: Task, episode: str) -> None:
-    """Check that the return on a task (d,) is finite, or raise an error that describes the episode.
+    """Check that the return of an episode is finite.
 
     Raises:
         ValueError: if the return is infinite or NaN.
@@ -109,7 +109,7 @@ class ScoredBox:
 
 @dataclass(frozen=True)
 class TeacherUpdate:
-    """State of a teacher after an update, in a form that can be drawn for any teacher."""
+    """State of a teacher after an update, as Gaussians, boxes and scalars for figures."""
 
     gaussians: tuple[WeightedGaussian, ...] = ()
     boxes: tuple[ScoredBox, ...] = ()
@@ -124,8 +124,8 @@ class Trajectory:
         observations: raw observations, float32 (t + 1, o), from the initial one to that after the last step.
         actions: actions of the student, float32 (t, a).
         rewards: rewards of the environment, float64 (t,).
-        terminated: True if the environment ended the episode; False after truncation, where the value of the
-            last observation still counts.
+        terminated: True if the environment ended the episode; False after truncation, where targets
+            bootstrap from the last observation.
         gamma: discount factor of the student's values.
         entropy_bonuses: bonuses, float64 (t,), that the student's values add to rewards, as in SAC; None
             without any.
@@ -141,7 +141,7 @@ class Trajectory:
 
 @dataclass(frozen=True, eq=False)
 class Outcomes:
-    """Outcomes of an evaluation with one episode on each of n tasks.
+    """Outcomes of an evaluation on n tasks, with one episode per task.
 
     Attributes:
         episodic_returns: returns, float64 (n,).
@@ -155,7 +155,7 @@ class Outcomes:
 
 
 class QueryKind(StrEnum):
-    """Kinds of queries that a teacher can make between `observe` and the next `sample`."""
+    """Kinds of queries from a teacher, between `observe` and the next `sample`."""
 
     STATE_VALUES = "state_values"
     """Query for V(s) of observations under the current student, float64 (n,)."""
@@ -170,7 +170,7 @@ class QueryKind(StrEnum):
 
 @dataclass(frozen=True)
 class Query:
-    """Query that a teacher makes.
+    """Query from a teacher to the run.
 
     Attributes:
         kind: kind of the query.
@@ -202,7 +202,7 @@ Answer: TypeAlias = NDArray[np.float64] | Trajectory | Outcomes
 
 
 class Recorder:
-    """Recorder of the steps of an episode.
+    """Recorder of an episode's trajectory.
 
     Args:
         initial_observation: observation of `reset` (o,).

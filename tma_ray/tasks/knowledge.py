@@ -26,7 +26,7 @@ class TestSet:
         tasks: tasks, float32 (n, d).
     """
 
-    __test__ = False  # keeps pytest from collecting it
+    __test__ = False  # not a test class for pytest
 
     name: str
     dimensions: tuple[str, ...]
@@ -46,7 +46,7 @@ class TestSet:
         return len(self.tasks)
 
     def __repr__(self) -> str:
-        """Return a short text, since messages contain run specs."""
+        """Return a short text without the tasks, for use in messages."""
         return f"TestSet({self.name!r}, {', '.join(self.dimensions)}: {len(self)} tasks, {self.digest})"
 
     @property
@@ -57,7 +57,7 @@ class TestSet:
 
     @classmethod
     def grid(cls, name: str, space: TaskSpace, points: int) -> "TestSet":
-        """Return a grid with `points` values per dimension, including the bounds, in row-major order."""
+        """Return a grid with `points` values per dimension, bounds included, in row-major order."""
         check_whole("points", points, 1)
         axes = [np.linspace(d.low, d.high, points) for d in space.dimensions]
         return cls(name, space.names, np.array(list(itertools.product(*axes)), dtype=np.float32))
@@ -88,7 +88,7 @@ class TestSet:
         return cls(name or path.stem, tuple(rows[0]), np.array(tasks, dtype=np.float32))
 
     def to_csv(self) -> str:
-        """Return the test set as a text from which `from_csv` reads the same float32 tasks."""
+        """Return the test set as CSV, from which `from_csv` reads exactly the same tasks."""
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(self.dimensions)
@@ -116,9 +116,9 @@ class TestSet:
 MASTERY_RETURN = 230.0
 """Episodic return over which a task is mastered (paper, section 4 and appendix C)."""
 
-# standard deviations of the initial and target Gaussian as a share of each range (paper, appendix C)
+# standard deviations of both Gaussians, as shares of a dimension's range (paper, appendix C)
 INITIAL_STD_SHARE, TARGET_STD_SHARE = 0.1, 0.25
-CONSTANT_DIMENSION_VARIANCE = 1e-6  # of dimensions without width, where a share would be 0
+CONSTANT_DIMENSION_VARIANCE = 1e-6  # where a share of the range would be 0
 
 
 class KnowledgeLevel(StrEnum):
@@ -134,7 +134,7 @@ class KnowledgeLevel(StrEnum):
 
     @property
     def rank(self) -> int:
-        """Position in the order none < low < high."""
+        """Rank of the level: 0 for none, 1 for low, 2 for high."""
         return list(KnowledgeLevel).index(self)
 
 
@@ -176,7 +176,7 @@ def expert_knowledge(
     mastery_threshold: float = MASTERY_RETURN,
     landscape: ShuffledSpace | None = None,
 ) -> ExpertKnowledge:
-    """Return the knowledge of `level` about `space`.
+    """Return the expert knowledge of `level` about a task space.
 
     Args:
         level: amount of knowledge.

@@ -11,12 +11,12 @@ from numpy.typing import ArrayLike, NDArray
 from tma_ray.support.validation import check_finite, check_pair, check_sequence, check_type, check_whole
 
 Task: TypeAlias = NDArray[np.float32]
-"""Task (d,) or tasks (n, d), as every environment receives them."""
+"""Task (d,) or tasks (n, d) of an environment."""
 
 
 @dataclass(frozen=True)
 class Dimension:
-    """Parameter of the procedural generation.
+    """Dimension of a task space: a parameter of the world's procedural generation.
 
     Attributes:
         name: name in test sets and tables.
@@ -70,7 +70,7 @@ class TaskSpace:
     def from_bounds(
         cls, bounds: dict[str, tuple[float, float]], units: dict[str, str] | None = None
     ) -> "TaskSpace":
-        """Return the box with `bounds`, a dict from name to low and high, and optional `units` by name."""
+        """Return the space with `bounds` (low and high by name) and optional `units` by name."""
         units = units or {}
         for name, pair in bounds.items():
             check_pair(f"bounds of {name!r}", pair, "low and high")
@@ -123,7 +123,7 @@ class TaskSpace:
         return bool(np.all((values >= self.low) & (values <= self.high)))
 
     def normalise(self, tasks: ArrayLike) -> NDArray[np.float64]:
-        """Map `tasks` (..., d) from the box to [0, 1], and constant dimensions to 0.5."""
+        """Map `tasks` (..., d) to the unit box; constant dimensions map to 0.5."""
         offset = self._checked(tasks) - self.low.astype(np.float64)
         free = self.width > 0
         return np.where(free, offset / np.where(free, self.width, 1.0), 0.5)
@@ -133,7 +133,7 @@ class TaskSpace:
         return self.clip(self.low + self._checked(points) * self.width)
 
     def with_bounds(self, name: str, low: float, high: float) -> "TaskSpace":
-        """Return the space with different bounds for the dimension `name`."""
+        """Return a copy of the space with new bounds for the dimension `name`."""
         if name not in self.names:
             raise ValueError(f"no dimension {name!r}; the space has {', '.join(self.names)}")
         return TaskSpace(
@@ -151,7 +151,7 @@ class TaskSpace:
 
 
 def task_values(tasks: ArrayLike | Mapping[str, ArrayLike], space: TaskSpace) -> NDArray[np.generic]:
-    """Return tasks as an array (..., d).
+    """Convert tasks to an array (..., d).
 
     Args:
         tasks: an array, or the values of every dimension by name, with shapes that broadcast to (...,).
@@ -168,7 +168,7 @@ def task_values(tasks: ArrayLike | Mapping[str, ArrayLike], space: TaskSpace) ->
 
 
 def check_task(task: ArrayLike | Mapping[str, float], domain: TaskSpace) -> Task:
-    """Return a copy of `task`, given as values or as a dict by name, as float32 (d,).
+    """Check a task, given as values or as a dict by name, and return a float32 copy (d,).
 
     Raises:
         ValueError: if shape or names differ, or a value is not finite or outside `domain`.
@@ -190,7 +190,7 @@ CUTS = 4  # number of intervals per dimension (paper, appendix C, rugged difficu
 
 @dataclass(frozen=True, eq=False)
 class ShuffledSpace:
-    """Task space of a teacher whose tasks are mapped to those of the world.
+    """Task space with shuffled regions: the teacher's tasks are mapped to different tasks of the world.
 
     Every dimension is cut into equal intervals, which are permuted independently of other dimensions. The
     box remains the same; a smooth path through it jumps at the ends of intervals. A boundary between two
@@ -230,7 +230,7 @@ class ShuffledSpace:
 
     @classmethod
     def shuffle(cls, space: TaskSpace, rng: np.random.Generator, cuts: int = CUTS) -> "ShuffledSpace":
-        """Return `space` with `cuts` intervals per dimension, in an order drawn from `rng`.
+        """Return `space` with `cuts` intervals per dimension in random order.
 
         Raises:
             ValueError: if `cuts` is 0, or more than float32 resolves in some dimension.
@@ -240,16 +240,16 @@ class ShuffledSpace:
         return cls(space, rng.permuted(np.tile(np.arange(cuts), (space.size, 1)), axis=1))
 
     def to_world(self, tasks: ArrayLike) -> Task:
-        """Map a teacher's `tasks` (..., d), which must be in the space, to the world's."""
+        """Map the teacher's `tasks` (..., d) to the world's tasks."""
         return self._move(tasks, self.order)
 
     def from_world(self, tasks: ArrayLike) -> Task:
-        """Map a world's `tasks` (..., d), which must be in the space, to the teacher's."""
+        """Map the world's `tasks` (..., d) to the teacher's tasks; inverse of `to_world`."""
         return self._move(tasks, np.argsort(self.order, axis=1))
 
     @cached_property
     def _edges(self) -> Task:
-        """Bounds of the intervals (d, cuts + 1); the outer ones are exactly those of the space."""
+        """Edges of the intervals (d, cuts + 1), including the exact bounds of the space."""
         return np.linspace(self.space.low, self.space.high, self.order.shape[1] + 1, axis=1, dtype=np.float32)
 
     def _move(self, tasks: ArrayLike, order: NDArray[np.intp]) -> Task:

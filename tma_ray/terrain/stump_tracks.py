@@ -15,11 +15,11 @@ from tma_ray.terrain.terrain import (
     Terrain,
 )
 
-TRACK_LENGTH = 200 * TERRAIN_STEP  # largest x of the last stump's right side, in m
+TRACK_LENGTH = 200 * TERRAIN_STEP  # x where the last stump must end, in m
 GOAL_X = 190 * TERRAIN_STEP  # in m
-FIRST_STUMP = STARTPAD_STEPS * TERRAIN_STEP  # x of the first stump's left side, in m
+FIRST_STUMP = STARTPAD_STEPS * TERRAIN_STEP  # x where the first stump begins, in m
 
-STUMP_HEIGHT_STD = 0.1  # standard deviation around the task's mean, in terrain steps
+STUMP_HEIGHT_STD = 0.1  # around the task's mean height, in terrain steps
 MINIMUM_STUMP_HEIGHT = 0.05  # in terrain steps
 STUMP_WIDTH = TERRAIN_STEP  # in m
 MINIMUM_SPACING = 0.01  # smallest gap between two stumps, in m
@@ -56,7 +56,7 @@ def stump_tracks(task: Task, rng: np.random.Generator) -> Terrain:
 
 @kernel
 def _lay_out(heights: Floats, spacing: float) -> tuple[Floats, Floats]:
-    """Return the solids and surface of a track with stumps of `heights` (n,), in terrain steps."""
+    """Return the solids and ground segments of a track with stumps of `heights` (n,) in terrain steps."""
     count = len(heights)
     solids, surface = np.empty((count + 1, 4, 2)), np.empty((4 * count + 1, 4))
     start, end = -OVERHANG, TRACK_LENGTH + OVERHANG
@@ -84,7 +84,7 @@ def _lay_out(heights: Floats, spacing: float) -> tuple[Floats, Floats]:
 
 @kernel
 def _fill_box(corners: Floats, left: float, right: float, top: float) -> None:
-    """Write the corners (4, 2) of a solid that extends to DEPTH below the ground's surface."""
+    """Write the corners (4, 2) of a rectangular solid, which extends to DEPTH below the ground."""
     bottom = GROUND_HEIGHT - DEPTH
     corners[0, 0], corners[0, 1] = left, bottom
     corners[1, 0], corners[1, 1] = right, bottom

@@ -1,24 +1,22 @@
-"""Terrain of a world as plain arrays."""
+"""Terrain of a world as arrays, and constants of all terrains."""
 
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-TERRAIN_STEP = 14 / 30  # in m: the original release's grid size, and the unit of stump heights
-GROUND_HEIGHT = 10 / 3  # height at the start, in m
-STARTPAD_STEPS = 20  # flat terrain steps before the first obstacle; bodies spawn above their middle
+TERRAIN_STEP = 14 / 30  # unit of stump heights, and the original release's grid size, in m
+GROUND_HEIGHT = 10 / 3  # height of the ground at the start, in m
+STARTPAD_STEPS = 20  # terrain steps of flat ground at the start; bodies spawn above its middle
 FRICTION = 2.5  # friction coefficient of ground, stumps and ceiling
-OVERHANG = (
-    20.0  # length of ground and ceiling beyond both ends of the track, in m: over any lidar and any fall
-)
-DEPTH = 10.0  # thickness of solids beyond the lowest ground and the highest ceiling, in m
+OVERHANG = 20.0  # length of ground and ceiling beyond both ends of the track, in m; longer than lidars
+DEPTH = 10.0  # depth of solids below the lowest ground and above the highest ceiling, in m
 
-FIXED, CEILING = -2, -1  # special values in `Terrain.holders`
+FIXED, CEILING = -2, -1  # special values of `Terrain.holders`
 
 
 class Terrain(NamedTuple):
-    """Terrain of one world.
+    """Terrain of a world: solids, segments seen by lidars, creepers and water.
 
     Attributes:
         solids: corners of convex quadrilaterals (n, 4, 2), counter-clockwise, in m, ground before ceiling.

@@ -18,7 +18,7 @@ from tma_ray.tasks import Dimension, TaskSpace
 from tma_ray.viewing.rendering import parse_task
 
 UNTRAINED: Final = {"random": RANDOM, "zero": ZERO}
-MOST_POLICIES: Final = 4  # number that fits on the page at once
+MOST_POLICIES: Final = 4  # as many as fit on the page
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ Frame = NDArray[np.uint8]  # RGB picture (height, width, 3)
 
 
 def check_picture(path: Path) -> None:
-    """Check that `write_frames` will be able to write a file.
+    """Check that `write_frames` can write a file.
 
     Raises:
         ValueError: if the suffix is not .mp4, .gif or .png, the folder is missing or not writable, or PyAV is
@@ -67,7 +67,7 @@ def _write_mp4(path: Path, frames: Iterable[Frame], frames_per_second: Fraction)
     with av.open(str(path), "w") as container:
         stream = None
         for frame in frames:
-            even = frame[: len(frame) // 2 * 2, : frame.shape[1] // 2 * 2]  # H.264 halves colour resolution
+            even = frame[: len(frame) // 2 * 2, : frame.shape[1] // 2 * 2]  # H.264 needs even sizes
             if stream is None:
                 stream = container.add_stream("libx264", rate=frames_per_second)
                 stream.height, stream.width = even.shape[:2]
@@ -169,7 +169,7 @@ def open_rendered(settings: EpisodeSettings) -> RenderedEnvironment:
         observations, actions = box_spaces(made)
         domain: TaskSpace = made.get_wrapper_attr("valid_domain")
         space = spec.task_space if spec else None
-        if space is None or space.names != domain.names:  # the policy comes from another environment
+        if space is None or space.names != domain.names:  # a policy from another environment
             space = made.get_wrapper_attr("task_space")
         trained = None if saved is None else saved.load(observations, actions)
         return RenderedEnvironment(made, trained, space, domain)
@@ -255,7 +255,7 @@ def _play(
     episode: RenderedEpisode,
     every: int,
 ) -> Iterator[Frame]:
-    """Yield the first frame, every `every`-th and the last, or only the last if `every` is 0."""
+    """Yield the frames of every `every` steps and the last frame, or only the last if `every` is 0."""
     environment = rendered.environment
     observation, _ = environment.reset(seed=settings.seed, options={"task": episode.task})
     while episode.steps < settings.steps and not episode.ended:

@@ -1,4 +1,4 @@
-"""Engine whose step is one compiled call, with bit-for-bit the same results as the pymunk engine."""
+"""Engine that runs a step in one compiled call, bit for bit equal to the pymunk engine."""
 
 import math
 import weakref
@@ -33,7 +33,7 @@ from tma_ray.physics.rules import Rules, observation_size, step_arrays
 from tma_ray.support.jit import kernel
 from tma_ray.terrain import Terrain
 
-COUNT_CONTACT = cast("int", count_contact.address)  # address of the callback for each contact
+COUNT_CONTACT = cast("int", count_contact.address)  # address of the callback for contacts
 
 
 class CompiledEngine:
@@ -61,7 +61,7 @@ class CompiledEngine:
         """Build a new world and run its first steps; see `Engine`."""
         if self._release is not None:
             self._release()
-            self._release = None  # prevents steps in the freed world if building a new one fails
+            self._release = None  # no steps in the freed world if building a new one fails
         hangs = len(self.grips) > 0 and len(terrain.ceiling) > 0
         if hangs:
             terrain = hung(terrain, self._body, self.arrays)
@@ -91,7 +91,7 @@ class CompiledEngine:
 
     @property
     def addresses(self) -> tuple[int, ...]:
-        """Addresses and sizes of the memory, in the form that `_step_worlds` takes."""
+        """Addresses and sizes of the memory, for `_step_worlds`."""
         if self._release is None:
             raise RuntimeError("this engine has no world yet: call reset first")
         return self._addresses
@@ -107,7 +107,7 @@ class CompiledEngine:
         self._release = weakref.finalize(
             self, release, handles, simulation.holds, shapes, swinging, len(self.state)
         )
-        self._world = world_of(terrain), swinging  # kept alive, since the memory holds their addresses
+        self._world = world_of(terrain), swinging  # kept alive: the memory has their addresses
         put_world(self._memory, *self._world)
         self._memory.floats[BEFORE] = 0.0
 
@@ -121,7 +121,7 @@ DONE, FAILED, END, CALL, LEFT = 0, 8, 9, 16, 24
 """Indices on a board: steps done, steps that failed, 1 to end the threads, sizes and addresses of a call;
 from LEFT on, one cache line apart, the tickets left of each thread's share."""
 
-PATIENCE = 200  # polls of an idle thread before it sleeps, about 0.1 ms in all: waking is slow
+PATIENCE = 200  # polls before an idle thread sleeps, about 0.1 ms in all, since waking it is slow
 
 _lock_new: Any = types.ExternalFunction("PyThread_allocate_lock", types.intp())
 _lock_free: Any = types.ExternalFunction("PyThread_free_lock", types.void(types.intp))
@@ -131,7 +131,7 @@ _give_way: Any = types.ExternalFunction("sched_yield", types.intc())
 
 
 def _atomic(operation: str) -> Any:
-    """Return a function (address, number) that atomically changes an integer and returns its old value."""
+    """Return an atomic `operation` as a function (address, number) that returns the old value."""
 
     @intrinsic
     def change(_context: Any, _address: Any, _number: Any) -> Any:
@@ -149,7 +149,7 @@ _add, _exchange = _atomic("add"), _atomic("xchg")
 
 @kernel
 def _work(board: Integers, thread: int) -> None:
-    """Step worlds until no tickets are left, first those of `thread`, which are in its cache."""
+    """Step worlds until none is left, first those of `thread`, which are in its cache."""
     threads = (len(board) - LEFT) // LINE
     for turn in range(threads):
         owner = (thread + turn) % threads
@@ -163,7 +163,7 @@ def _work(board: Integers, thread: int) -> None:
 
 @kernel
 def _step_row(board: Integers, row: int) -> None:
-    """Step the world in a `row` of the call described on the board."""
+    """Step world number `row` of the call whose arguments are on the `board`."""
     worlds, acting, seen = board[CALL : CALL + 3]
     addresses_at, actions_at, observations_at, rewards_at, ended_at = board[CALL + 3 : CALL + 8]
     addresses = carray(cp.as_pointer(addresses_at), (worlds, 4), np.int64)
@@ -177,13 +177,13 @@ def _step_row(board: Integers, row: int) -> None:
         integers = carray(cp.as_pointer(integers_at), integers_size, np.int64)
         simulation_in(floats, integers).action[:] = actions[row]
         rewards[row], ended[row] = step(floats, integers, observations[row])
-    except Exception:  # counted here; `_step_worlds` raises after all steps
+    except Exception:  # `_step_worlds` raises after all steps
         _add(board[FAILED:].ctypes.data, 1)
 
 
 @partial(kernel, nogil=True)
 def _serve(board: Integers, lock: int, thread: int) -> None:
-    """Help to step the worlds of every call, woken by `lock`, until `END` is set on the board."""
+    """Main function of a thread, which steps worlds of every call until `END` is set on the board."""
     while board[END] == 0:
         _work(board, thread)
         polls = 0
@@ -196,7 +196,7 @@ def _serve(board: Integers, lock: int, thread: int) -> None:
 
 @kernel
 def _wake(locks: Integers) -> None:
-    """Release every lock, first acquiring those that are free, since a free lock cannot be released."""
+    """Release all locks; free ones are acquired first, since only a held lock can be released."""
     for lock in locks:
         _lock_take(lock, 0)
         _lock_open(lock)
@@ -246,7 +246,8 @@ def _free_locks(locks: Integers) -> None:
 class EngineBatch:
     """Engines of one body, stepped together.
 
-    Each engine has been reset, and may be reset again. The threads end with this object or the interpreter.
+    All engines must have been reset, and may be reset again. The threads end with this object or the
+    interpreter.
 
     Args:
         engines: engines of the worlds.
@@ -254,7 +255,7 @@ class EngineBatch:
     """
 
     def __init__(self, engines: Sequence[CompiledEngine], threads: int = 1) -> None:
-        self._engines = engines  # kept alive, since the addresses of their memories are stored
+        self._engines = engines  # kept alive: the addresses of their memories are stored
         self._addresses = np.array([engine.addresses for engine in engines], dtype=np.int64)
         body = engines[0].arrays
         self._observation_size, self._action_size = observation_size(body), len(body.motors) + len(body.grips)

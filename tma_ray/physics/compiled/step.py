@@ -1,4 +1,4 @@
-"""Environment step in one compiled call."""
+"""Step of an environment as one compiled function."""
 
 import math
 from typing import NamedTuple
@@ -38,9 +38,9 @@ SUBSTEPS, MOTOR_SUBSTEPS, COUNT_CONTACT, TERRAIN = 9, 10, 11, 12
 
 
 class Memory(NamedTuple):
-    """Memory of a step: constants of the body, its state, and the addresses of the world's arrays.
+    """Arguments of a compiled step in two vectors: body, state, and addresses of the world's arrays.
 
-    Two vectors, because unboxing twenty arrays takes numba longer than Chipmunk takes to simulate a body.
+    Unboxing twenty arrays would take numba longer than Chipmunk takes to simulate a body.
     """
 
     floats: Floats
@@ -51,11 +51,11 @@ class SimulationState(NamedTuple):
     """State of a simulation of p parts and h joints, j of them with motors, and g grip sensors."""
 
     action: Floats  # values (j + g,)
-    commands: Floats  # values (j, 2), as `command_motors` writes them
+    commands: Floats  # values (j, 2), written by `command_motors`
     state: Floats  # values (p, 6) in the layout of kernels.py
     rotations: Floats  # cosine and sine of the angle of each part (p, 2)
     torques: Floats  # torque of each motor, in N m (j,)
-    forces: Floats  # forces of the water on each part (p, 3), as `water_forces` writes them
+    forces: Floats  # forces of the water on each part (p, 3), written by `water_forces`
     points: Floats  # positions of the sensors (g, 2), in m
     contacts: Integers  # number of pieces of ground and of ceiling that each part touches (p, 2)
     medium: Integers  # consecutive steps under water and outside it (2,)
@@ -89,7 +89,7 @@ def new_memory(body: StepArrays, all_joints: int, settings: SolverSettings, coun
 
 
 def put_world(memory: Memory, world: World, swinging: Integers) -> None:
-    """Write the sizes and addresses of the arrays of `world`, which must outlive `memory`, to `memory`."""
+    """Write the sizes and addresses of the arrays of `world` to `memory`; keep `world` alive as long."""
     memory.floats[[GOAL_X, WATER_Y, SWAY]] = world.goal_x, world.water_y, world.sway
     arrays = (world.ground, world.ceiling, world.creepers, world.poses, world.movable, swinging)
     sizes = len(world.ground), len(world.ceiling), len(world.creepers)
@@ -98,7 +98,7 @@ def put_world(memory: Memory, world: World, swinging: Integers) -> None:
 
 @kernel
 def body_in(floats: Floats, integers: Integers) -> StepArrays:
-    """Return the body in a memory."""
+    """Return the body's constants as views of a memory."""
     p, j, r, v, g = integers[0], integers[1], integers[2], integers[3], integers[4]
     rays = FLOATS + 3 * j
     vertices = rays + 2 * r
@@ -131,7 +131,7 @@ def body_in(floats: Floats, integers: Integers) -> StepArrays:
 
 @kernel
 def simulation_in(floats: Floats, integers: Integers) -> SimulationState:
-    """Return the state in a memory."""
+    """Return the simulation's state as views of a memory."""
     p, j, r, v, g, h = integers[0], integers[1], integers[2], integers[3], integers[4], integers[5]
     action = FLOATS + 3 * j + 2 * r + 2 * v + 4 * p + 4 * j + 3 * g
     commands = action + j + g
@@ -161,7 +161,7 @@ def simulation_in(floats: Floats, integers: Integers) -> SimulationState:
 
 @kernel
 def world_in(floats: Floats, integers: Integers) -> tuple[World, Integers]:
-    """Return the world in a memory, and the pointers of its creepers (c, 3)."""
+    """Return the world whose addresses are in a memory, and the pointers of its creepers (c, 3)."""
     grounds, ceilings, creepers = integers[TERRAIN], integers[TERRAIN + 1], integers[TERRAIN + 2]
     addresses = integers[TERRAIN + 3 :]
     world = World(
@@ -179,7 +179,7 @@ def world_in(floats: Floats, integers: Integers) -> tuple[World, Integers]:
 
 @kernel
 def drive(simulation: SimulationState, share: float) -> None:
-    """Command the motors, with their torques multiplied by `share`."""
+    """Set the motors' target speeds and largest torques, multiplied by `share`."""
     for joint in range(len(simulation.commands)):
         motor = simulation.handles[1 + len(simulation.state) + joint]
         # Chipmunk's rate is the speed of the first part relative to the second
@@ -200,7 +200,7 @@ def read_torques(simulation: SimulationState, duration: float) -> None:
 def advance(
     simulation: SimulationState, substeps: int, motor_substeps: int, duration: float, count_contact: int
 ) -> None:
-    """Run `substeps` of `duration` s with motors and water, then read the state and the contacts."""
+    """Run `substeps` of `duration` s with motors and water, then read state and contacts from Chipmunk."""
     parts, share = len(simulation.state), substeps / motor_substeps
     for index in range(substeps):
         if index == 0:
@@ -227,7 +227,7 @@ def advance(
 
 @kernel
 def move_creepers(world: World, swinging: Integers) -> None:
-    """Read the poses of the swinging creepers."""
+    """Read the poses of the swinging creepers from Chipmunk."""
     for index in range(len(swinging)):
         if swinging[index, 0] != 0:
             pose = world.poses[index]
@@ -237,7 +237,7 @@ def move_creepers(world: World, swinging: Integers) -> None:
 
 @kernel
 def turn(simulation: SimulationState) -> None:
-    """Compute the rotations of the parts from their angles."""
+    """Read the rotations of the parts from Chipmunk."""
     for part in range(len(simulation.state)):
         rotation = simulation.rotations[part]
         rotation[0], rotation[1] = cp.body_rotation(simulation.handles[1 + part])
@@ -245,7 +245,7 @@ def turn(simulation: SimulationState) -> None:
 
 @kernel
 def soak(simulation: SimulationState, body: StepArrays, water_y: float) -> None:
-    """Compute the forces of the water for the next step if the body is near the water."""
+    """Compute the forces of the water on the body for the next step."""
     lowest = math.inf
     for part in range(len(simulation.state)):
         lowest = min(lowest, simulation.state[part, 1] - body.bounds[part, 0])
@@ -276,7 +276,7 @@ def let_go(simulation: SimulationState) -> None:
 def take_hold(
     simulation: SimulationState, body: StepArrays, world: World, swinging: Integers, error_bias: float
 ) -> None:
-    """Attach grips whose action is positive to the objects that they touch."""
+    """Close grips whose action is positive around the objects that they touch."""
     joints, grips = len(simulation.commands), simulation.grips
     update_grip_contacts(simulation.state, simulation.rotations, body, world, simulation.points, grips)
     for sensor in range(len(simulation.holds)):
@@ -296,7 +296,7 @@ def take_hold(
 
 @kernel
 def step(floats: Floats, integers: Integers, observation: NDArray[np.float32]) -> tuple[float, bool]:
-    """Run a step with the action stored in the memory, and write the `observation` (o,).
+    """Run a step with the action in the memory, and write the `observation` (o,).
 
     Returns:
         Reward, NaN if the action is not finite and nothing has moved, and True at the end of the episode.
@@ -324,7 +324,7 @@ def step(floats: Floats, integers: Integers, observation: NDArray[np.float32]) -
 def step_at(
     floats_at: int, floats_size: int, integers_at: int, integers_size: int, observation: NDArray[np.float32]
 ) -> tuple[float, bool]:
-    """Step the simulation stored at two addresses (raw pointers avoid numba's reference counting)."""
+    """Run a step, with the memory given by addresses, which avoids numba's reference counting."""
     floats = carray(cp.as_pointer(floats_at), floats_size, np.float64)
     integers = carray(cp.as_pointer(integers_at), integers_size, np.int64)
     return step(floats, integers, observation)

@@ -1,7 +1,7 @@
 """Access from compiled code to Chipmunk's C functions, exported by pymunk's extension module.
 
-A pointer is an intp. A cpVect argument is two doubles and a cpShapeFilter two integers, since the calling
-conventions of x86-64 (not on Windows) and AArch64 pass structs of these sizes so. Functions that take larger
+A pointer is an intp. A cpVect argument is two doubles and a cpShapeFilter two integers, as the calling
+conventions of x86-64 (not on Windows) and AArch64 pass structs of these sizes. Functions that take larger
 structs, and private layouts, are not used.
 """
 
@@ -20,7 +20,7 @@ from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
 from pymunk import _chipmunk
 
-MACHINES = ("x86_64", "amd64", "aarch64", "arm64")  # machines with the calling conventions above
+MACHINES = ("x86_64", "amd64", "aarch64", "arm64")  # machines with these calling conventions
 
 STRUCT_SIZES = {
     "cpVect": 16,
@@ -30,11 +30,11 @@ STRUCT_SIZES = {
     "cpGroup": 8,
     "cpCollisionType": 8,
 }
-"""Sizes in bytes that the declarations below assume."""
+"""Sizes in bytes assumed by the declarations below."""
 
 
 def load() -> None:
-    """Load Chipmunk's symbols, so that compiled code can call them.
+    """Make Chipmunk's functions callable from compiled code.
 
     Raises:
         RuntimeError: if numba is disabled, or this machine or pymunk has another calling convention.
@@ -53,7 +53,7 @@ def load() -> None:
             raise RuntimeError(f"pymunk {pymunk.version} does not export {name}")
 
 
-_NAMES: list[str] = ["cpArbiterGetShapes"]  # symbols that are declared below
+_NAMES: list[str] = ["cpArbiterGetShapes"]  # all symbols declared below
 
 
 def _function(name: str, result: types.Type, *arguments: types.Type) -> Any:
@@ -62,7 +62,7 @@ def _function(name: str, result: types.Type, *arguments: types.Type) -> Any:
 
 
 def _vector_of(name: str) -> Any:
-    """Return the C getter `name`, whose result is a cpVect, as a function from a pointer to (x, y)."""
+    """Return the C function `name`, which returns a cpVect, as a function from a pointer to (x, y)."""
     _NAMES.append(name)
 
     @intrinsic
@@ -83,7 +83,7 @@ def _vector_of(name: str) -> Any:
 
 @intrinsic
 def _as_pointer(_context: Any, _address: Any) -> Any:
-    """Convert an address (intp) to the pointer type that numba's carray takes."""
+    """Convert an address (intp) to a pointer for numba's carray."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return builder.inttoptr(arguments[0], context.get_value_type(signature.return_type))
@@ -91,12 +91,12 @@ def _as_pointer(_context: Any, _address: Any) -> Any:
     return types.voidptr(types.intp), generate
 
 
-as_pointer: Any = _as_pointer  # call with the address; numba adds the context
+as_pointer: Any = _as_pointer  # called with the address only; numba adds the context
 
 
 @intrinsic
 def _part(_context: Any, vector: Any, _at: Any, shape: Any) -> Any:
-    """Return an unchecked view of shape (n,) or (n, m) that begins at an index of a vector.
+    """Return a view (n,) or (n, m) that begins at an index of `vector`, without bounds checks.
 
     It is one instruction; numba's slices and ``reshape`` check each size and call a function.
     """
@@ -115,12 +115,12 @@ def _part(_context: Any, vector: Any, _at: Any, shape: Any) -> Any:
     return kind(vector, types.intp, types.UniTuple(types.intp, shape.count)), generate  # type: ignore[no-untyped-call]
 
 
-part: Any = _part  # call with vector, index and shape
+part: Any = _part  # called with vector, index and shape
 
 
 @intrinsic
 def _other_shape(_context: Any, _arbiter: Any) -> Any:
-    """Return the pointer to the second shape of an arbiter."""
+    """Return the pointer to the second shape of a contact (an arbiter of Chipmunk)."""
 
     def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         pointer = context.get_value_type(types.intp)
@@ -135,7 +135,7 @@ def _other_shape(_context: Any, _arbiter: Any) -> Any:
     return types.intp(types.intp), generate
 
 
-other_shape: Any = _other_shape  # call with the arbiter
+other_shape: Any = _other_shape  # called with the arbiter
 
 
 _void, _pointer, _int, _double = types.void, types.intp, types.intc, types.float64

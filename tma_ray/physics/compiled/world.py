@@ -1,4 +1,4 @@
-"""Compiled counterpart of chipmunk.py, in the same order, which affects trajectories."""
+"""Compiled counterpart of chipmunk.py; objects are added in the same order, which affects trajectories."""
 
 import math
 
@@ -14,14 +14,14 @@ from tma_ray.support.jit import kernel
 from tma_ray.terrain import FIXED, Terrain
 
 Floats = NDArray[np.float64]
-Handles = NDArray[np.int64]  # pointers into Chipmunk
+Handles = NDArray[np.int64]  # pointers to objects of Chipmunk
 PARTS_GROUP = 1  # shapes in one group do not collide
-EVERY_CATEGORY = -1  # all bits set, for a filter's categories and mask
+EVERY_CATEGORY = -1  # all bits of a filter's categories and mask
 
 
 @cfunc("void(intp, intp, CPointer(int64))", cache=True)
 def count_contact(_body, arbiter, counts):  # type: ignore[no-untyped-def]
-    """Count a contact with ground or ceiling in `counts` (2,); callback for cpBodyEachArbiter."""
+    """Add a contact to the `counts` (2,) for ground and ceiling; callback of cpBodyEachArbiter."""
     kind = cp.shape_collision_type(cp.other_shape(arbiter))
     carray(counts, 2)[1 if kind == CEILING_TYPE else 0] += 1
 
@@ -35,9 +35,9 @@ def build(
     forces: tuple[float, float],
     handles: Handles,
 ) -> tuple[Handles, Handles]:
-    """Build a world, and write its pointers to `handles` (1 + p + j + 2 h,), ordered as in `SimulationState`.
+    """Build a world, and write pointers to its objects to `handles`, in the order of `SimulationState`.
 
-    `forces` are gravity upwards in m/s², and an impulse forwards on each pushed part in N s.
+    `forces` are the upward gravity in m/s², and the forward impulse on pushed parts in N s.
 
     Returns:
         Pointers to the shapes, and to each creeper's body, limit and pivot (c, 3), 0 for fixed creepers.
@@ -83,7 +83,7 @@ def release(handles: Handles, holds: Handles, shapes: Handles, swinging: Handles
 
 @kernel
 def polygon(body: int, corners: Floats, radius: float) -> int:
-    """Return a new shape: the convex hull of `corners` (v, 2), in Chipmunk's order."""
+    """Return a new shape, the convex hull of `corners` (v, 2), with Chipmunk's order of corners."""
     hull = corners.copy()
     count = cp.convex_hull(len(hull), hull.ctypes.data, hull.ctypes.data, 0, 0.0)
     shape: int = cp.polygon_new(body, count, hull.ctypes.data, radius)
@@ -124,7 +124,7 @@ def add_parts(
 
 @kernel
 def add_joints(space: int, body: BodyArrays, settings: SolverSettings, handles: Handles) -> None:
-    """Add the joints of `body` between the parts in `handles`, and write their constraints to it."""
+    """Add the joints of `body` between the parts in `handles`, and write their constraints to `handles`."""
     joints = len(body.limits)
     parts = handles[1 : 1 + len(body.mass)]
     constraints = handles[1 + len(body.mass) :]
@@ -144,7 +144,10 @@ def add_joints(space: int, body: BodyArrays, settings: SolverSettings, handles: 
 def hinge(
     space: int, parts: tuple[int, int], anchor: Floats, limits: tuple[float, float], settings: SolverSettings
 ) -> tuple[int, int]:
-    """Join two bodies at `anchor` (2, 2), given in both frames, within `limits`; return limit and pivot."""
+    """Join two bodies by a hinge with `limits`, and return its limit and pivot constraints.
+
+    The `anchor` (2, 2) is given in the frames of both bodies.
+    """
     a, b = parts
     limit = cp.limit_new(a, b, limits[0], limits[1])
     cp.constraint_set_max_bias(limit, settings.limit_correction_speed)
