@@ -86,7 +86,7 @@ def animation(
 
 MEASURE = "mastered_percent"
 
-EARLY = 0.25  # share of the budget of the second radar (paper, sample efficiency)
+EARLY = 0.25  # share of the budget at which the second radar is drawn (paper, sample efficiency)
 
 FILE_NAME = ("experiment", "embodiment", "student", "expert_knowledge")
 """Columns whose values name the files of a comparison, unless another one has the same values."""
@@ -96,14 +96,14 @@ STARS = 4  # number of stars along a budget: one every 5 of 20 million steps
 
 @dataclass(frozen=True)
 class Drawing:
-    """Figure that is drawn on demand."""
+    """Figure for a paper: its file name, and the function that draws it."""
 
     name: str  # name of its files without suffix
-    draw: Callable[[], Figure | bytes]  # function that returns the figure, or a GIF
+    draw: Callable[[], Figure | bytes]  # function that returns the figure, or the content of a GIF
 
 
 def published_drawings(table: pd.DataFrame) -> Iterator[Drawing]:
-    """Yield the figures of published tables, in the columns of `reference.paper_frame`."""
+    """Yield the figures of published tables with the columns of `reference.paper_frame`."""
     whole = table.groupby(["environment", "challenge"])["n"].transform("max") == table["n"]
     pools = table[whole]
     against, pairs = (pairwise_from_statistics(pools, MEASURE, name) for name in (BASELINE, None))
@@ -112,7 +112,7 @@ def published_drawings(table: pd.DataFrame) -> Iterator[Drawing]:
 
 
 def drawings(measurements: Measurements) -> Iterator[Drawing]:
-    """Yield the figures of a root: for each set of conditions, largest first, and for each comparison."""
+    """Yield the figures of a root: of all results under the same conditions, then of each comparison."""
     frames = measurements.frames
     yield Drawing("ranks", partial(_ranks, frames))
     final = result_runs(frames, run_measures(frames))

@@ -1,4 +1,4 @@
-"""Numbers, intervals and lists as text, and warnings on few seeds."""
+"""Formatting of numbers, intervals and lists as text, and warnings about few seeds."""
 
 import math
 from collections.abc import Iterable
@@ -9,14 +9,14 @@ FEW_SEEDS = 10  # number of seeds below which a sentence warns the reader; the p
 
 
 def number(value: float, digits: int = 1) -> str:
-    """Return `value` with a minus sign, or a dash if it is not finite."""
+    """Return a number as text with a typographic minus sign, or a dash if it is not finite."""
     if not math.isfinite(value):
         return "\N{EN DASH}"
     return f"{value:.{digits}f}".replace("-", "\N{MINUS SIGN}")
 
 
 def plus_minus(mean: float, std: float, digits: int = 1) -> str:
-    """Return ``mean ± standard deviation``, or the mean alone without a deviation."""
+    """Return ``mean ± standard deviation``, or the mean alone if the deviation is missing."""
     if not math.isfinite(std):
         return number(mean, digits)
     return f"{number(mean, digits)} ± {number(std, digits)}"
@@ -30,14 +30,14 @@ def interval_text(low: float, high: float, digits: int = 1) -> str:
 
 
 def estimate(value: float, low: float, high: float, digits: int = 1) -> str:
-    """Return ``2.0 [1.0, 2.5]``, or the value alone if the runs have no spread."""
+    """Return a value with its interval, ``2.0 [1.0, 2.5]``, or alone if the runs have no spread."""
     if not math.isfinite(low):
         return number(value, digits)
     return f"{number(value, digits)} {interval_text(low, high, digits)}"
 
 
 def p_value(p: float) -> str:
-    """Return ``p = 0.012`` or ``p < 0.001``."""
+    """Return a p-value as text: ``p = 0.012`` or ``p < 0.001``."""
     return "p\N{NO-BREAK SPACE}< 0.001" if p < 0.001 else f"p = {p:.3f}"
 
 
@@ -50,7 +50,7 @@ def steps_text(steps: float) -> str:
 
 
 def listed(names: Iterable[str]) -> str:
-    """Return names separated by commas, where a long list ends with the number of names left out."""
+    """Return names separated by commas; a long list is cut, and ends with ``and 8 more``."""
     texts = list(names)
     if len(texts) <= LISTED:
         return ", ".join(texts)
@@ -58,12 +58,12 @@ def listed(names: Iterable[str]) -> str:
 
 
 def few_seeds_suffix(smallest: float) -> str:
-    """Return ``; few seeds`` for tests whose smallest group has few runs, else an empty string."""
+    """Return ``; few seeds`` if the smallest group of a test has few runs, else an empty string."""
     return "; few seeds" if smallest < FEW_SEEDS else ""
 
 
 def few_seeds_warning(smallest: float) -> str:
-    """Return a warning for tests whose smallest group has few runs, else an empty string."""
+    """Return a warning if the smallest group of a test has few runs, else an empty string."""
     if not smallest < FEW_SEEDS:
         return ""
     seeds = f"{smallest:.0f} seed{'s' if smallest > 1 else ''}"

@@ -1,4 +1,4 @@
-"""Labels and ordering of teachers, environments, challenges, levels and bodies in views."""
+"""Labels and order of teachers, environments, challenges, levels and bodies in tables and charts."""
 
 import hashlib
 import itertools
@@ -82,24 +82,24 @@ def own_first(teachers: Iterable[str]) -> Iterator[None]:
 
 
 def marked_label(teacher: str) -> str:
-    """Return the `label` of a teacher, marked if it is one of `own_first`."""
+    """Return the label of a teacher, with a mark if it is the reader's own (see `own_first`)."""
     return label(teacher) + mark_of(teacher)
 
 
 def mark_of(teacher: str) -> str:
-    """Return `YOURS` for a teacher of `own_first`, else an empty string."""
+    """Return the mark of the reader's own teachers (see `own_first`), empty for others."""
     return YOURS if teacher in _OWN.get() else ""
 
 
 def with_settings(name: str, settings: Mapping[str, str]) -> str:
-    """Return `name` with settings in brackets, where a preset counts as one setting."""
+    """Return a name with its settings in brackets: ``name (preset, key=value)``."""
     shown = [value if key == PRESET else f"{key}={value}" for key, value in settings.items()]
     return f"{name} ({', '.join(shown)})" if shown else name
 
 
 @cache
 def challenge_title(environment: str, challenge: str, otherwise: str | None = None) -> str:
-    """Return the title of a benchmark challenge with its settings, or else `otherwise` or both names.
+    """Return the title of a benchmark challenge with its settings; for others `otherwise`, or both names.
 
     Examples:
         >>> challenge_title("parkour:swinging_creepers=true", "easy", "")
@@ -113,7 +113,7 @@ def challenge_title(environment: str, challenge: str, otherwise: str | None = No
 
 
 def short_title(title: str) -> str:
-    """Return the title of a challenge without the parts that most titles share."""
+    """Return the title of a challenge without "Stump Tracks" and "task space"."""
     return title.removeprefix("Stump Tracks, ").removesuffix(" task space")
 
 

@@ -1,4 +1,4 @@
-"""Tests between groups of runs, one row per pair, as used by rankings, leaderboards, pages and sentences."""
+"""Pairwise tests between groups of runs, for rankings, leaderboards, pages and sentences."""
 
 import itertools
 import math
@@ -137,7 +137,7 @@ def pairwise(
 def over_challenges(
     runs: pd.DataFrame, measure: str, reference: str | Collection[str] | None = None
 ) -> pd.DataFrame:
-    """Return the tests over all challenges that two teachers share, with challenges weighted equally."""
+    """Return the tests between teachers over all challenges that both have, weighted equally."""
     return pairwise(runs, measure, reference, ACROSS, strata=STRATA, detectable=False)
 
 
@@ -237,7 +237,7 @@ def against_baseline(finals: pd.DataFrame, curves: pd.DataFrame, measures: Itera
 
 
 def along_baseline(curves: pd.DataFrame, reference: pd.DataFrame, measure: str) -> pd.DataFrame:
-    """Return each teacher's test against Random at every evaluation, with Holm-adjusted p-values by step.
+    """Return the tests of all teachers against Random at every evaluation, adjusted by Holm step by step.
 
     Args:
         curves: results of `evaluation_curves`, of one comparison.
@@ -267,7 +267,7 @@ def along_baseline(curves: pd.DataFrame, reference: pd.DataFrame, measure: str) 
 def _samples_at_steps(
     curves: pd.DataFrame, measure: str
 ) -> dict[tuple[int, str], tuple[NDArray[np.float64], NDArray[np.object_]]]:
-    """Return the values of `measure` and their run ids by step and teacher."""
+    """Return the values (n,) of `measure` and their run ids (n,), by step and teacher."""
     rows = curves[curves[measure].notna()].drop_duplicates(["step", "teacher", "run_id"])
     values, run_ids = rows[measure].to_numpy(float), rows["run_id"].to_numpy(object)
     groups: dict[Any, Any] = rows.groupby(["step", "teacher"]).indices
@@ -277,7 +277,7 @@ def _samples_at_steps(
 def _at_one_step(
     runs: pd.DataFrame, reference: pd.DataFrame, curves: pd.DataFrame
 ) -> tuple[float, str, tuple[pd.DataFrame, pd.DataFrame]]:
-    """Return the step at which two groups are compared, the reason for no test, and their rows there."""
+    """Return the step of a comparison, the reason for no test (or ""), and the rows of both groups."""
     step = min(runs["step"].max(), reference["step"].max())
     if reference.empty:
         return step, NO_BASELINE, (runs, reference)
@@ -290,7 +290,7 @@ def _at_one_step(
 
 
 def _sample_of(rows: pd.DataFrame, measure: str) -> pd.Series:
-    """Return the values of `measure` by run id."""
+    """Return the values of `measure`, indexed by run id."""
     # object dtype, since pandas would convert the strings to Arrow strings
     run_ids = pd.Index(rows["run_id"].to_numpy(object), dtype=object)
     return pd.Series(rows[measure].to_numpy(float), run_ids)
@@ -302,13 +302,13 @@ def randoms_of(rows: pd.DataFrame) -> Randoms:
 
 
 def reference_of(teachers: pd.DataFrame, randoms: Randoms) -> pd.DataFrame:
-    """Return those of Random's rows, from `randoms_of`, against which one comparison is tested."""
+    """Return the rows of Random that the teachers of one comparison are tested against."""
     alike = randoms.get(tuple(teachers[RANDOM_ALIKE].iloc[0]), teachers.head(0))
     return baseline_runs(teachers, alike, RANDOM_APART).drop_duplicates(["run_id", "step"])
 
 
 def pairs_of(names: Sequence[str], reference: str | Collection[str] | None) -> Iterator[tuple[str, str]]:
-    """Yield the pairs that hold `reference`, or any of several references, or all pairs for None."""
+    """Yield the pairs of names with `reference` or any of several references; None for all pairs."""
     if not isinstance(reference, str):
         pairs = itertools.combinations(names, 2)
         yield from (pair for pair in pairs if reference is None or not set(pair).isdisjoint(reference))
@@ -317,7 +317,7 @@ def pairs_of(names: Sequence[str], reference: str | Collection[str] | None) -> I
 
 
 def nobody(reference: str) -> str:
-    """Return the reason why nothing was tested against a `reference` that was not run."""
+    """Return the reason for no test against a `reference` without runs."""
     return NO_BASELINE if is_baseline(reference) else f"no {reference} to compare with"
 
 
@@ -330,7 +330,7 @@ def _check_reference(reference: str | None, table: pd.DataFrame) -> None:
 def stratified_runs(
     runs: pd.DataFrame, measure: str, by: Sequence[str], strata: Sequence[str]
 ) -> pd.DataFrame:
-    """Return `by`, run_id, the measure, and the numbers of challenge and stratum with the stratum's name.
+    """Return runs with their strata: `by`, run_id, measure, challenge_number, stratum, stratum_name.
 
     Strata, given by the columns `strata`, are numbered once rather than in each of hundreds of groups. A run
     with the measure counts once in each group. Columns members, core and step are kept.
@@ -350,7 +350,7 @@ def stratified_runs(
 
 
 def strata_of(rows: pd.DataFrame, measure: str) -> dict[str, pd.Series]:
-    """Return the values of `measure` by the name of the stratum, indexed by run id.
+    """Return the sample of each stratum by its name: values of `measure`, indexed by run id.
 
     Args:
         rows: rows of `stratified_runs`; those without the measure do not count.
@@ -360,14 +360,14 @@ def strata_of(rows: pd.DataFrame, measure: str) -> dict[str, pd.Series]:
 
 
 def by_challenge(rows: pd.DataFrame, measure: str) -> dict[Hashable, dict[str, pd.Series]]:
-    """Return the samples by challenge and stratum (body or student), from rows of `stratified_runs`."""
+    """Return samples by challenge and stratum (values indexed by run id), from rows of `stratified_runs`."""
     return _by_group(rows, measure, np.zeros(len(rows), np.int64)).get(0, {})
 
 
 def _by_group(
     rows: pd.DataFrame, measure: str, groups: NDArray[np.int64]
 ) -> dict[int, dict[Hashable, dict[str, pd.Series]]]:
-    """Return the result of `by_challenge` for each group of rows by group number, without empty groups."""
+    """Return the samples of `by_challenge` for each number in `groups` (n,) that has values."""
     columns = ("stratum_name", "stratum", "challenge_number")
     names, strata, challenges = (rows[column].to_numpy() for column in columns)
     measured = np.flatnonzero(rows[measure].notna().to_numpy())
@@ -395,7 +395,7 @@ CORRECTED = ["holm", "simultaneous_low", "simultaneous_high"]
 
 
 def corrected(table: pd.DataFrame, family: Sequence[str]) -> pd.DataFrame:
-    """Return a table of tests with columns `CORRECTED`, where a family shares the columns `family`."""
+    """Return a table of tests with the columns `CORRECTED`; tests with equal `family` are a family."""
     groups = table.groupby(list(family), dropna=False).indices.values() if family else [np.arange(len(table))]
     columns = ["difference", "low", "high", "degrees_of_freedom"]
     numbers, p_values = table[columns].to_numpy(float), table["p"].to_numpy(float)
@@ -416,14 +416,14 @@ def _family_of(first: str, second: str, core: frozenset[str]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class _Sample:
-    """A group of runs."""
+    """Measured values of a group of runs."""
 
-    challenges: Mapping[Hashable, Mapping[str, pd.Series]]  # values by run id, by challenge and stratum
+    challenges: Mapping[Hashable, Mapping[str, pd.Series]]  # values by challenge, stratum and run id
     uncounted: int  # number of runs without a value
 
     @cached_property
     def parts(self) -> dict[tuple[Hashable, str], Description]:
-        """Description of each stratum, by challenge and name."""
+        """Description (size, mean, deviation) of each stratum, by challenge and name."""
         return {
             (challenge, stratum): describe(sample)
             for challenge, strata in self.challenges.items()
@@ -443,7 +443,7 @@ class _Sample:
 
 
 def _samples_of(rows: pd.DataFrame, measure: str, between: str) -> dict[str, _Sample]:
-    """Return the sample of each group by its name in the column `between`, sorted by name."""
+    """Return the samples of the groups in column `between`, sorted by name."""
     groups, names = pd.factorize(rows[between], sort=True)
     challenges = _by_group(rows, measure, groups)
     counts = np.bincount(groups, rows[measure].notna().to_numpy(), len(names))
@@ -456,7 +456,7 @@ def _samples_of(rows: pd.DataFrame, measure: str, between: str) -> dict[str, _Sa
 
 
 def _detectable(row: Mapping[str, Any], first: _Sample, second: _Sample) -> float:
-    """Return the smallest detectable difference between two samples, as shown by `pairwise`."""
+    """Return the smallest detectable difference between two samples; see `pairwise`."""
     if row["method"] is Method.PAIRED:
         return detectable_in_pairs(row["n"], (row["high"] - row["low"]) / 2)
     if row["method"] is Method.SIGN_FLIP:
@@ -467,7 +467,7 @@ def _detectable(row: Mapping[str, Any], first: _Sample, second: _Sample) -> floa
 def _least_variances(
     samples: Mapping[str, _Sample], core: Collection[str]
 ) -> dict[tuple[Hashable, str], float]:
-    """Return the least variance by challenge and stratum, over the core or else all teachers."""
+    """Return the least variance allowed in each stratum, from core teachers or else all of them."""
     values: dict[tuple[Hashable, str], dict[bool, list[Description]]] = {}
     for name, sample in samples.items():
         for stratum, part in sample.parts.items():
@@ -478,7 +478,7 @@ def _least_variances(
 def _compared(
     first: _Sample, second: _Sample, seeds: Seeds, least: Mapping[tuple[Hashable, str], float]
 ) -> dict[str, object]:
-    """Return the test of two groups over challenges where both have the same strata, and its scope."""
+    """Return the columns of a test of two groups, over challenges where both have the same strata."""
     ours, others = first.challenges, second.challenges
     common = [key for key in ours if key in others and set(ours[key]) == set(others[key])]
     names = [(key, stratum) for key in common for stratum in sorted(ours[key])]
@@ -493,7 +493,7 @@ def _compared(
         described = [(first.parts[name], second.parts[name]) for name in names]
         test = compared_over_strata(pairs, weights, seeds, [least[name] for name in names], described)
     counts = [sum(map(len, strata[key].values())) for strata in (ours, others) for key in common]
-    fewest = min(min(counts, default=0), test.n)  # pairs may be fewer than runs
+    fewest = min(min(counts, default=0), test.n)  # test.n counts pairs, which may be fewer than runs
     uncounted = first.uncounted + second.uncounted
     scope = {"challenges": len(common), "fewest": fewest, "uncounted": uncounted, "detectable": math.nan}
     return scope | vars(test)

@@ -1,4 +1,4 @@
-"""Power of experiments: differences that a plan can detect, and runs needed for comparisons with Random."""
+"""Power analysis of experiments: detectable differences, and runs needed for comparisons with Random."""
 
 import math
 from collections.abc import Collection, Hashable, Mapping, Sequence
@@ -88,7 +88,7 @@ def _lite_deviations(name: str) -> dict[Hashable, list[float]]:
 def plans_against_random(
     runs: pd.DataFrame, teachers: Collection[str], hours: pd.Series, measure: str = HEADLINE
 ) -> list[str]:
-    """Return a sentence per teacher undecided against Random, on the runs and hours that a decision needs.
+    """Return sentences on the runs and hours that undecided comparisons with Random need.
 
     Args:
         runs: rows of `pooling.pool_runs`.

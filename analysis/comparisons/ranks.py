@@ -22,15 +22,15 @@ from analysis.statistics import SIGNIFICANCE
 
 EQUAL = 1e-9  # difference of means, in points, below which two teachers share a rank
 
-DRAWS = 20_000  # draws of true means for the probability of being the best
+DRAWS = 20_000  # number of draws of true means, for the probability of being the best
 
 
 @dataclass(frozen=True)
 class Rank:
-    """A teacher's rank among the core teachers that have results on all of its challenges."""
+    """Rank of a teacher among the core teachers with results on all of its challenges."""
 
     teacher: str  # name of the teacher
-    measure: str  # measure of the ranks
+    measure: str  # measure by which teachers are ranked
     newcomer: bool  # True if the teacher joined later; the core is ranked without it
     across: dict[str, Any]  # values of `ACROSS` that all ranked teachers have in common
     challenges: int  # number of challenges
@@ -43,18 +43,18 @@ class Rank:
     of: int  # number of ranked teachers
     better: tuple[str, ...]  # teachers with a lower mean, p < 0.05 after Holm's correction
     worse: tuple[str, ...]  # teachers with a higher mean, p < 0.05 after Holm's correction
-    undecided: tuple[str, ...]  # other ranked teachers
-    left_out: tuple[str, ...]  # teachers without results on all of its challenges
-    chance: float  # probability of having the highest true mean of those on as many challenges
+    undecided: tuple[str, ...]  # ranked teachers without a significant difference
+    left_out: tuple[str, ...]  # unranked teachers, which lack some of its challenges
+    chance: float  # probability of the highest true mean among teachers on as many challenges
 
     @property
     def best(self) -> int:
-        """The best rank that the tests leave open."""
+        """Best rank that the tests do not rule out."""
         return 1 + len(self.worse)
 
     @property
     def worst(self) -> int:
-        """The worst rank that the tests leave open."""
+        """Worst rank that the tests do not rule out."""
         return self.of - len(self.better)
 
     def describe(self) -> str:
@@ -92,7 +92,7 @@ def _listed(names: tuple[str, ...]) -> str:
 
 
 def ranks(runs: pd.DataFrame, teachers: Collection[str] | None = None, measure: str = HEADLINE) -> list[Rank]:
-    """Return the rank of each teacher, or only of `teachers`, at each level and budget, best first.
+    """Return the ranks of all teachers, or of `teachers`, by level and budget, best first.
 
     At each level and budget, teachers of the core are ranked by one family of tests, and each newcomer is
     ranked with the core by a family of its own. Families have the pairs of a requested teacher with the
@@ -157,7 +157,7 @@ def _standing(mean: Mapping[str, Any], tests: pd.DataFrame) -> dict[str, Any]:
 
 
 def _chances(means: Mapping[str, Mapping[str, Any]]) -> dict[str, float]:
-    """Return each teacher's probability of having the highest true mean of those on as many challenges.
+    """Return each teacher's probability of the highest true mean among teachers on as many challenges.
 
     True means are drawn independently from Student's t around the observed means.
     """

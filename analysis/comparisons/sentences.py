@@ -39,7 +39,7 @@ OTHERS = "\N{OBJECT REPLACEMENT CHARACTER}"
 
 
 def findings(summary: pd.DataFrame, tests: pd.DataFrame) -> list[str]:
-    """Return the opening sentences of a comparison in a report, based on the headline.
+    """Return the sentences that open a comparison in a report, based on the headline measure.
 
     Args:
         summary: rows of `evaluations.summarise`.
@@ -86,7 +86,7 @@ def _gap(difference: float) -> str:
 
 
 def _certainty(ranked: pd.DataFrame, sooner: pd.DataFrame, end: pd.DataFrame) -> list[str]:
-    """Return sentences on how certain the order of finished teachers is, by tests on both axes."""
+    """Return sentences on the tests of finished teachers against Random, over training and at the end."""
     best = ranked["teacher"].iloc[0]
     if len(ranked) == 1:
         return []
@@ -128,11 +128,11 @@ def _against_random(teacher: str, test: pd.Series, end: pd.Series) -> str:
 
 
 def ranking(frames: Frames, share: float = 1.0, measure: str = HEADLINE) -> pd.DataFrame:
-    """Return one row per teacher, challenge and level, pooled as in the paper.
+    """Return the ranking of teachers on each challenge and level, from runs pooled as in the paper.
 
     Args:
         frames: results of `load`.
-        share: share of the budget at which runs are read.
+        share: share of the budget at which runs are measured.
         measure: name of one of `tested.MEASURES`.
 
     Returns:
@@ -146,7 +146,7 @@ def ranking(frames: Frames, share: float = 1.0, measure: str = HEADLINE) -> pd.D
 
 
 def ranked(runs: pd.DataFrame, measure: str = HEADLINE) -> pd.DataFrame:
-    """Return the rows of `ranking` for runs from `pooling.runs_after`."""
+    """Return the table of `ranking`, from rows of `pooling.runs_after`."""
     measures = list(dict.fromkeys([measure, FINAL]))
     table = pooling.pooled(runs, measures)
     parts = runs.groupby([*columns.POOLED, *columns.PARTS], dropna=False, sort=True)[measures]
@@ -167,15 +167,16 @@ def ranked(runs: pd.DataFrame, measure: str = HEADLINE) -> pd.DataFrame:
 
 
 def ranking_sentences(table: pd.DataFrame) -> list[str]:
-    """Return sentences on every teacher of a `ranking` that was tested against Random."""
+    """Return sentences on the tests against Random in a `ranking`."""
     tested = table[table["p"].notna()].rename(columns={"teacher": "first"})
     return sentences(tested.assign(second=BASELINE))
 
 
 def sentences(tests: pd.DataFrame) -> list[str]:
-    """Return sentences on rows of `pairwise.pairwise`, Random first, merging teachers with the same sentence.
+    """Return sentences on tests (rows of `pairwise.pairwise`), those against Random first.
 
-    Differences are significant where p is under 0.05 after Holm's correction.
+    Opponents with the same verdicts share a sentence. Differences are significant where p is under 0.05 after
+    Holm's correction.
     """
     order = tests.assign(last=[not is_baseline(name) for name in tests["second"]])
     varying = pooling.varying(order)
@@ -211,7 +212,7 @@ def _verdicts(rows: pd.DataFrame) -> str:
 
 
 def challenge_titles(table: pd.DataFrame) -> list[str]:
-    """Return the title of each row's challenge, with conditions if the table has several under one title.
+    """Return the challenge title of each row, with the conditions in which rows of the challenge differ.
 
     Args:
         table: rows with the columns `COMPARED`.

@@ -1,4 +1,4 @@
-"""Results of several sources: those that may be compared, their tests, and the incomparable rest."""
+"""Results of several sources: comparable runs, their tests, and results that are not comparable."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -28,7 +28,7 @@ from tma_ray.support.component_names import base_name
 
 @dataclass(frozen=True)
 class ResultSet:
-    """Results of one source."""
+    """Results of one source, a results root or a baseline."""
 
     name: str  # name on pages
     engine: str  # simulator of the worlds
@@ -50,9 +50,9 @@ def result_set(frames: Frames, name: str) -> ResultSet:
 def named_jointly(
     yours: ResultSet, baselines: Sequence[ResultSet]
 ) -> tuple[ResultSet, list[ResultSet], tuple[str, ...]]:
-    """Return the results with names that are unambiguous across all of them, and a sentence per split name.
+    """Return the result sets with names unambiguous across all of them, and a sentence on each new name.
 
-    A name as PPO may have other settings, or another version, in another root.
+    A name such as PPO may stand for other settings, or another version, in another root.
     """
     sources = [yours, *baselines]
     frames = {index: source.frames for index, source in enumerate(sources) if source.frames is not None}
@@ -64,13 +64,13 @@ def named_jointly(
 
 
 def baseline_results(name_or_root: str) -> ResultSet:
-    """Return the results of a baseline given by name, or of a baseline or root at a folder or address.
+    """Return the results of a baseline or a root, given by name, folder or address.
 
     Of published tables, only results that pool all runs of the table on a challenge count.
 
     Raises:
         BaselineError: if the baseline is damaged.
-        ResultsRootError: if it has none of these.
+        ResultsRootError: if it is none of these.
     """
     baseline = as_baseline(name_or_root)
     name = Path(name_or_root).name if baseline is None else baseline.manifest.name
@@ -82,14 +82,14 @@ def baseline_results(name_or_root: str) -> ResultSet:
 
 
 def joined_frames(yours: ResultSet, baselines: Sequence[ResultSet]) -> Frames:
-    """Return the results of all sources that have runs, as if from one root."""
+    """Return the results of all sources with runs, joined as if from one root."""
     return joined([source.frames for source in (yours, *baselines) if source.frames is not None])
 
 
 def comparable_runs(
     yours: ResultSet, baselines: Sequence[ResultSet], frames: Frames | None = None, *, along: bool = False
 ) -> pd.DataFrame:
-    """Return the runs that may be compared with each other: yours, and those under the same conditions.
+    """Return the comparable runs: yours, and those of baselines under the same conditions.
 
     Your runs of a teacher replace those of baselines under the same conditions. Random uses no expert
     knowledge, so runs of it count at every level.
@@ -152,7 +152,7 @@ def incomparable(yours: ResultSet, baselines: Sequence[ResultSet], runs: pd.Data
 
 
 def _differing_conditions(yours: ResultSet, baseline: ResultSet) -> str:
-    """Return the conditions of a baseline that none of your results has, and a command to reproduce them."""
+    """Return the conditions of a baseline that none of your results has, and a command that has them."""
     differing = []
     for column in dict.fromkeys(["challenge", "expert_knowledge", *CONDITION_LABELS]):
         name = CONDITION_LABELS.get(column, "expert knowledge")
@@ -168,7 +168,7 @@ def _differing_conditions(yours: ResultSet, baseline: ResultSet) -> str:
 
 
 def reference_only(yours: ResultSet, baseline: ResultSet) -> pd.DataFrame:
-    """Return a baseline's results that are not comparable with yours, on challenges in your results.
+    """Return a baseline's results on your challenges that are not comparable with yours.
 
     Returns:
         `CHALLENGE_LEVEL`, teacher, n, mastered_percent_mean and _std, and differs, the differences as text.
@@ -185,7 +185,7 @@ def reference_only(yours: ResultSet, baseline: ResultSet) -> pd.DataFrame:
 
 
 def _among(table: pd.DataFrame, others: pd.DataFrame, columns: list[str]) -> NDArray[np.bool_]:
-    """Return a mask of the rows of `table` that agree with any of `others` in all of `columns`."""
+    """Return a mask of the rows of `table` that equal a row of `others` in all of `columns`."""
     if table.empty or others.empty:
         return np.zeros(len(table), dtype=bool)
     keys = pd.MultiIndex.from_frame(others[columns])

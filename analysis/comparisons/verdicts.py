@@ -1,4 +1,4 @@
-"""Verdicts of tests, and their combination across both axes."""
+"""Verdicts of tests, and their combination over both measures (over training, at the end)."""
 
 from collections.abc import Mapping
 from enum import StrEnum
@@ -51,7 +51,7 @@ def verdict(test: pd.Series | Mapping[str, Any]) -> str:
 
 
 def on_both_axes(sooner: str, in_the_end: str) -> str:
-    """Return the verdict on both axes as text: plain "better" or "worse" only if both axes agree.
+    """Return the combined verdict of both measures as text: plain "better" or "worse" if they agree.
 
     Args:
         sooner: verdict on the mean over training.

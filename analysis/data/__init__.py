@@ -1,1 +1,1 @@
-"""Results as frames, from roots, published tables and single curricula."""
+"""Results as pandas frames: results roots, published tables, curricula of runs."""

@@ -23,7 +23,7 @@ Worlds with another mastery threshold are coloured from the 2nd to the 98th perc
 
 @dataclass(frozen=True, eq=False)
 class RunCurriculum:
-    """Curriculum of one run."""
+    """Curriculum of one run: training tasks, probed tasks, and updates of the teacher."""
 
     episodes: pd.DataFrame  # step, task, world_task and episodic_return
     probes: pd.DataFrame  # step and task
@@ -39,7 +39,7 @@ class RunCurriculum:
 
     @property
     def tasks(self) -> NDArray[np.float32]:
-        """Tasks of the episodes in the world's space (n, d)."""
+        """Tasks (n, d) of the episodes, as the world builds them if the task space is shuffled."""
         column = self.episodes["world_task" if self.shuffled else "task"]
         return stack(column)
 
@@ -65,12 +65,12 @@ class RunCurriculum:
 
 
 def stack(tasks: pd.Series) -> NDArray[np.float32]:
-    """Return a column of tasks as one array (n, d), which is (0, 0) without tasks."""
+    """Return a column of tasks as one array (n, d), (0, 0) if it is empty."""
     return np.stack(tasks.to_list()).astype(np.float32) if len(tasks) else np.empty((0, 0), np.float32)
 
 
 def return_range(curricula: Mapping[str, RunCurriculum], mastery: float) -> tuple[float, float]:
-    """Return the lowest and highest return of the colour scale: `RETURN_RANGE` for the benchmark's worlds."""
+    """Return the ends of the colour scale of returns: `RETURN_RANGE` for worlds of the benchmark."""
     if mastery == MASTERY_RETURN:
         return RETURN_RANGE
     returns = np.concatenate(
@@ -80,7 +80,7 @@ def return_range(curricula: Mapping[str, RunCurriculum], mastery: float) -> tupl
     return min(low, mastery), max(high, mastery)
 
 
-MOST_MOMENTS = 6  # largest number of moments from the start to the end of a run
+MOST_MOMENTS = 6  # largest number of steps that are drawn of a run, by default
 
 
 def moments(curricula: Mapping[str, RunCurriculum], count: int = MOST_MOMENTS) -> list[int]:
@@ -98,7 +98,7 @@ def gaussians_of(update: pd.Series) -> list[dict[str, Any]]:
 
 
 def boxes_of(update: pd.Series) -> list[dict[str, Any]]:
-    """Return the boxes of an update in drawing order: largest first, with projections ordered by `above`."""
+    """Return the boxes of an update in drawing order: by score if projected, then largest first."""
     boxes = update["boxes"] if update["boxes"] is not None else ()
 
     def height(box: dict[str, Any]) -> tuple[float, float]:

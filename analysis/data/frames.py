@@ -1,4 +1,4 @@
-"""The class that holds results as pandas frames, ready to group by cell, and checks of its tables."""
+"""Results as pandas frames, and checks of tables."""
 
 import functools
 import inspect
@@ -87,7 +87,7 @@ class Frames:
 
     @functools.cached_property
     def training_returns(self) -> pd.DataFrame:
-        """The columns `WINDOW_COLUMNS` of the training windows."""
+        """Training windows of all runs, with the columns `WINDOW_COLUMNS` only."""
         if "training" in vars(self):
             return self.training[WINDOW_COLUMNS]
         return self._rows(Table.TRAINING, WINDOW_COLUMNS, self._run_ids)
@@ -108,12 +108,12 @@ class Frames:
         return list(self.cells["run_id"].unique())
 
     def with_core(self, campaigns: Sequence[str]) -> "Frames":
-        """Return the same results with `campaigns` as their core, or all campaigns if none are given."""
+        """Return a copy with `campaigns` as the core, or with all campaigns if none are given."""
         core = self.cells["campaign"].isin(campaigns) if campaigns else True
         return replace(self, cells=self.cells.assign(core=core), core=tuple(campaigns))
 
     def results_of(self, run_id: str) -> Results:
-        """Return the results that hold the long tables of a run."""
+        """Return the source of the long tables of a run."""
         return self.other_roots.get(run_id, self.results)
 
     def episode_returns(self, run_ids: Sequence[str]) -> pd.DataFrame:
@@ -136,7 +136,7 @@ class Frames:
         return self.of_runs(Table.TEACHER_LOG, [run_id])[run_id]
 
     def of_runs(self, table: Table, run_ids: Sequence[str]) -> dict[str, pd.DataFrame]:
-        """Return the columns `OF_ONE_RUN` of a long table for each of `run_ids`, read together."""
+        """Return the rows of a long table by run id, with the columns `OF_ONE_RUN`, read in one pass."""
         columns = OF_ONE_RUN[table]
         rows = self._rows(table, ["run_id", *columns], run_ids)
         indices, rows = positions(rows["run_id"]), rows[columns]
@@ -153,7 +153,7 @@ class Frames:
         return positions(self.evaluations["run_id"])
 
     def _rows(self, table: Table, columns: list[str], run_ids: Sequence[str]) -> pd.DataFrame:
-        """Read a long table of some runs, from whichever files hold them."""
+        """Read a long table of some runs, which may lie in several roots."""
         all_ids = set(self._run_ids)
         for run_id in run_ids:
             check_type("run_id", run_id, str, "the id of one run")
@@ -172,7 +172,7 @@ class Frames:
 def computed_once(
     function: Callable[Concatenate[Frames, P], pd.DataFrame],
 ) -> Callable[Concatenate[Frames, P], pd.DataFrame]:
-    """Wrap `function` to compute each frame only once per `Frames` and give every caller a copy."""
+    """Decorate a function of `Frames` to cache its tables there, and to return copies of them."""
     signature = inspect.signature(function)
 
     @functools.wraps(function)
@@ -191,7 +191,7 @@ def computed_once(
 
 
 def positions(run_ids: pd.Series) -> dict[str, NDArray[np.int64]]:
-    """Return the row numbers of each run by run id, in order, from the `run_ids` (n,) of a table's rows."""
+    """Return the row numbers of each run, in ascending order, by run id in the column `run_ids` (n,)."""
     categories = run_ids.astype("category").cat
     order = np.argsort(categories.codes.to_numpy(), kind="stable")
     ends = np.cumsum(np.bincount(categories.codes, minlength=len(categories.categories)))
@@ -241,7 +241,7 @@ def check_measure(name: str, table: object, measure: str, columns: Sequence[str]
 
 
 def with_plain_texts(frame: pd.DataFrame) -> pd.DataFrame:
-    """Return `frame` with its texts and categories as Python strings, leaving missing values as they are.
+    """Return a frame with texts and categories as Python strings, and missing values unchanged.
 
     Tables are grouped by a dozen short names again and again. pandas groups Arrow's strings several times
     more slowly than objects, and merging unequal categories is fragile.
@@ -251,7 +251,7 @@ def with_plain_texts(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def training_warnings(training: pd.DataFrame) -> list[str]:
-    """Return a sentence on the windows of training whose mean return is NaN or infinite."""
+    """Return a warning on training windows whose mean return is NaN or infinite, if there are any."""
     windows = training[training["mean_return"].notna() & ~np.isfinite(training["mean_return"].astype(float))]
     nans = training[training["mean_return"].isna() & (training["episodes"] > 0)]
     if not len(windows) + len(nans):
@@ -264,7 +264,7 @@ def training_warnings(training: pd.DataFrame) -> list[str]:
 
 
 def named_runs(run_ids: pd.Series) -> str:
-    """Return the number of runs with the first few ids, for a warning."""
+    """Return the number of distinct run ids and the first few of them, as text of a warning."""
     runs = sorted(set(run_ids))
     more = f" and {len(runs) - SHOWN_RUNS} more" if len(runs) > SHOWN_RUNS else ""
     return f"{counted(len(runs), 'run')}: {', '.join(runs[:SHOWN_RUNS])}{more}"

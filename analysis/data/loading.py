@@ -1,4 +1,4 @@
-"""Loading of results: tables, settings from specs, joined cells, names, warnings."""
+"""Loading of results roots as `Frames`, and joining of several roots."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -16,7 +16,7 @@ from tma_ray.support.texts import counted
 
 
 def load(root: str | Path) -> Frames:
-    """Return the results of a root, finished or not, with empty frames and warnings for missing tables.
+    """Return the results of a root, finished or not; missing tables become empty, with a warning.
 
     Args:
         root: a folder, or an ``s3://`` or ``gs://`` address.
@@ -28,7 +28,7 @@ def load(root: str | Path) -> Frames:
 
 
 def frames_of(results: Results) -> Frames:
-    """Return the frames of opened results, with empty frames and warnings for missing tables."""
+    """Return the frames of opened results; missing tables become empty, with a warning."""
     runs = with_settings(with_plain_texts(results.table(Table.RUNS).to_pandas()))
     cells = _join(with_plain_texts(read_table(results, Table.CELLS)), runs)
     cells, name_warnings = _named_cells(cells)
@@ -53,12 +53,12 @@ def frames_of(results: Results) -> Frames:
 
 
 def _join(cells: pd.DataFrame, runs: pd.DataFrame) -> pd.DataFrame:
-    """Join cells with the state of their runs, where runs outside any campaign form cells of their own."""
+    """Join cells with the state of their runs, and add cells for the runs outside campaigns."""
     alone = runs[~runs["run_id"].isin(cells["run_id"])]
     single = alone.reindex(columns=cells.columns).assign(campaign="", experiment="single runs")
     cells = pd.concat([cells, single], ignore_index=True) if len(single) else cells
     joined = cells.merge(runs[["run_id", *FROM_RUN]], on="run_id", how="left")
-    # Waiting runs belong to campaigns of this engine.
+    # Only campaigns of this engine have waiting runs.
     joined = joined.fillna({"engine": CHIPMUNK, "status": "waiting", "error": ""})
     # Several campaigns may list the same cell, whose runs count once.
     return joined.drop_duplicates([*GROUP, "run_id"]).reset_index(drop=True)
@@ -106,7 +106,7 @@ def joined(frames: Sequence[Frames]) -> Frames:
 
 
 def _joined_cells(frames: Sequence[Frames], roots: Mapping[str, int]) -> pd.DataFrame:
-    """Return the cells of all frames, each with the state of its run in the root it is read from."""
+    """Return the cells of all frames, with the state of each run in the root that it is read from."""
     any_core = any(each.core for each in frames)
     parts = [
         each.cells.assign(root=root, core=each.cells["core"] & (bool(each.core) or not any_core))
@@ -116,21 +116,21 @@ def _joined_cells(frames: Sequence[Frames], roots: Mapping[str, int]) -> pd.Data
     is_read = cells["root"] == cells["run_id"].map(roots)
     if not is_read.all():
         state = cells[is_read].drop_duplicates("run_id").set_index("run_id")[FROM_RUN]
-        cells[FROM_RUN] = cells[FROM_RUN].astype(object)  # holds integers of any size
+        cells[FROM_RUN] = cells[FROM_RUN].astype(object)  # object dtype, for integers of any size
         cells.loc[~is_read, FROM_RUN] = state.loc[cells.loc[~is_read, "run_id"]].to_numpy(object)
     cells = cells.drop(columns="root").infer_objects()
     return cells.drop_duplicates([*GROUP, "run_id"]).reset_index(drop=True)
 
 
 def _named_cells(cells: pd.DataFrame) -> tuple[pd.DataFrame, tuple[str, ...]]:
-    """Return cells with unambiguous names and experiments, and a sentence on each name that was split."""
+    """Return cells with unambiguous names and experiments, and a sentence on each new name."""
     (cells,), names = disambiguate_names([cells])
     cells, experiments = split_experiments(with_plain_texts(cells))
     return cells, (*names, *experiments)
 
 
 def _thresholds(evaluations: pd.DataFrame, runs: pd.DataFrame) -> pd.Series | float:
-    """Return the threshold of each evaluation's run, or a single number if all are equal."""
+    """Return the mastery threshold of each row of evaluations, or a number if all are equal."""
     thresholds = runs["mastery_threshold"].unique()
     if len(thresholds) == 1:
         return float(thresholds[0])
@@ -173,7 +173,7 @@ def evaluation_measures(evaluations: pd.DataFrame) -> pd.DataFrame:
 
 
 def _cell_warnings(cells: pd.DataFrame, evaluations: pd.DataFrame) -> list[str]:
-    """Return sentences on missing results, and on the use of several engines."""
+    """Return warnings on missing results, and on results of several engines."""
     sentences = []
     if cells.empty:
         sentences.append("This root holds no runs yet.")
@@ -187,7 +187,7 @@ def _cell_warnings(cells: pd.DataFrame, evaluations: pd.DataFrame) -> list[str]:
 
 
 def _evaluation_warnings(measured: pd.DataFrame) -> list[str]:
-    """Return a sentence on the returns that are NaN or infinite in rows of `evaluation_measures`."""
+    """Return a warning on evaluations with NaN or infinite returns, if there are any."""
     excluded = measured[measured["not_finite"] > 0]
     if excluded.empty:
         return []

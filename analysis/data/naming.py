@@ -1,4 +1,4 @@
-"""Unambiguous names: runs that differ in anything that identifies them have different names.
+"""Unambiguous names: if one name stands for several settings or versions, its runs get different names.
 
 Views group runs by the names of their environment, challenge, body, student, teacher and test set. A name
 with several meanings among some runs (versions of an algorithm, contents of a file, hyper-parameters under
@@ -54,7 +54,7 @@ def disambiguate_names(cells: Sequence[pd.DataFrame]) -> tuple[list[pd.DataFrame
 
 
 def split_experiments(cells: pd.DataFrame) -> tuple[pd.DataFrame, tuple[str, ...]]:
-    """Return cells whose experiments have one value of `RUN_CONDITIONS`, and a sentence for each new name.
+    """Split experiments whose runs differ in `RUN_CONDITIONS`: return cells, and a sentence per new name.
 
     In each comparison, runs that differ from most get an experiment whose name states the difference.
     """
@@ -82,7 +82,7 @@ def searches() -> list[Matrix]:
 
 
 def of_searches(experiments: pd.Series) -> pd.Series:
-    """Return a mask of those `experiments` that are points of a search."""
+    """Return a mask of the `experiments` that are points of a hyper-parameter search."""
     names = "|".join(matrix.name for matrix in searches())
     search = re.compile(rf"({names})(_\d+)?( \(.*\))?")
     matches = {name: search.fullmatch(name) is not None for name in experiments.unique()}
@@ -97,7 +97,7 @@ def _with_plain_names(cells: pd.DataFrame) -> pd.DataFrame:
 
 
 def _variants(cells: pd.DataFrame, column: str) -> list[tuple[Any, ...]]:
-    """Return the scope, name and settings of one part of each row."""
+    """Return what identifies the part of a run in `column`: scope, name and settings, row by row."""
     scope = [*NAME_SCOPE, "environment"] if column == "challenge" else NAME_SCOPE
     codes, texts = pd.factorize(cells["identity"], use_na_sentinel=False)
     settings = [_settings(text, column) for text in texts]
@@ -127,7 +127,7 @@ def _names(of_runs: Sequence[tuple[Any, ...]]) -> dict[tuple[Any, ...], str]:
 
 @cache
 def _settings(text: object, column: str) -> str:
-    """Return the settings in one column of an identity, as JSON with sorted keys."""
+    """Return the settings of one part in the identity of a run, as JSON with sorted keys."""
     if not isinstance(text, str):
         return "{}"
     return json.dumps(json.loads(text)[column], sort_keys=True)

@@ -12,7 +12,7 @@ from tma_ray.tasks import KnowledgeLevel
 
 BASELINE = "random"  # teacher that all others are tested against (paper, section 5)
 
-NO_BASELINE = "no Random to compare with"  # reason for no test without runs of Random
+NO_BASELINE = "no Random to compare with"  # reason why a test is missing if Random has no runs
 
 
 def is_baseline(teacher: str) -> bool:
@@ -54,7 +54,7 @@ def baseline_runs(
     return randoms[(randoms[columns] == list(nearest)).all(axis=1)]
 
 
-PAPER = "paper-2021"  # name of the tables of the paper among the baselines
+PAPER = "paper-2021"  # name of the baseline with the paper's tables
 
 PAPER_ENGINE = BOX2D  # simulator of the paper's worlds; our engine is Chipmunk
 
@@ -75,7 +75,7 @@ def paper_frame() -> pd.DataFrame:
 
 
 def published_frame(store: Store) -> pd.DataFrame:
-    """Return the published results of a store, in the columns of `paper_frame`."""
+    """Return the published results of a store, with the columns of `paper_frame`."""
     frame: pd.DataFrame = read_published(store).to_pandas()
     for column in ("embodiments", "students"):
         frame[column] = pd.Series([tuple(names) for names in frame[column]], index=frame.index, dtype=object)

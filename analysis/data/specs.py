@@ -1,4 +1,4 @@
-"""Specs of runs: settings that views need, and settings that identify the parts of a run."""
+"""Settings read from the specs of runs, and those that identify parts of a run, such as its teacher."""
 
 import hashlib
 import json
@@ -24,7 +24,7 @@ SEED = re.compile(r'"seed": \d+, "student":')
 
 
 def parsed(text: object) -> dict[str, Any]:
-    """Return the JSON object in `text`, or an empty one if `text` holds anything else."""
+    """Return the JSON object in `text`, or an empty one if it is anything else."""
     try:
         return decode_json(text, dict[str, Any], "a spec") if isinstance(text, str) else {}
     except DamagedFileError:
@@ -37,7 +37,7 @@ def mastery_threshold(spec: object) -> float:
 
 
 def with_settings(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return `runs` with the columns `FROM_SPEC`.
+    """Return `runs` with the columns `FROM_SPEC`, read from their specs.
 
     Specs are long and many, so those that differ in their seed alone are parsed once.
     """
@@ -58,7 +58,7 @@ def with_settings(runs: pd.DataFrame) -> pd.DataFrame:
 
 
 def identity(spec: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """Return the settings that identify each part of a run, by its column of `NAMED`.
+    """Return the settings that identify each part of a run, such as its teacher, by column of `NAMED`.
 
     Args:
         spec: spec of the run as JSON values; empty for a run without one.
@@ -86,7 +86,7 @@ def identity(spec: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
 
 
 def _of_part(spec: Mapping[str, Any], part: str, files: Mapping[str, str]) -> dict[str, Any]:
-    """Return version, source and files of a part, or nothing if the spec lacks the part."""
+    """Return algorithm version, source and files of a part of a run, empty if the spec lacks it."""
     if not spec or part not in spec:
         return {}
     settings: dict[str, Any] = {"algorithm_version": spec.get("algorithm_versions", {}).get(part)}

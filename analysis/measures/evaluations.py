@@ -26,7 +26,7 @@ RECENT = 20
 
 @computed_once
 def training_curves(frames: Frames) -> pd.DataFrame:
-    """Return `GROUP`, run_id, step, training_return and smoothed of every run that did not fail.
+    """Return training curves of runs that did not fail: `GROUP`, run_id, step, training_return, smoothed.
 
     Returns are those of the training windows or, smoothed, those of the episodes where a comparison has too
     few windows.
@@ -42,7 +42,7 @@ def training_curves(frames: Frames) -> pd.DataFrame:
 
 
 def training_quarters(frames: Frames) -> pd.DataFrame:
-    """Return the mean training return in the first and the last quarter of each run, with run_id."""
+    """Return the mean training return in the first and the last quarter of each run."""
     windows, _, episodes = _windows(frames)
     episodes = episodes.rename(columns={"episodic_return": "training_return"})
     rows = pd.concat([windows.drop_duplicates(["run_id", "step"]), episodes], ignore_index=True)
@@ -53,7 +53,7 @@ def training_quarters(frames: Frames) -> pd.DataFrame:
 
 
 def _windows(frames: Frames) -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
-    """Return training windows of comparisons that have enough, and the cells and episodes of the others."""
+    """Return training windows of comparisons with many, and the cells and episodes of those with few."""
     alive = unfailed(frames.cells)
     windows = frames.training_returns[["run_id", "step", "mean_return"]].astype({"run_id": object})
     windows = windows[np.isfinite(windows["mean_return"].astype(float))]
@@ -70,7 +70,7 @@ def _recent_returns(episodes: pd.DataFrame) -> pd.DataFrame:
     """Return the smoothed training returns of one run: run_id, step, training_return."""
     means = episodes["episodic_return"].rolling(RECENT, min_periods=1).mean().to_numpy()
     ends = episodes["step"].to_numpy()
-    # a finished run's budget ends within an episode, so its last value holds until then
+    # the last value is held to the end of the budget, which lies within an episode
     run_id, budget, status = episodes[["run_id", "steps", "status"]].iloc[0]
     until = budget if status == "done" else ends[-1]
     steps = np.linspace(0, budget, CURVE_POINTS + 1).round().astype("int64")
@@ -88,7 +88,7 @@ MEASURED = ["mastered_area", "last_three", "mastered_percent", "evaluation_retur
 
 @computed_once
 def measured_so_far(frames: Frames) -> pd.DataFrame:
-    """Return run_id, step and `MEASURED` of each evaluation with finite returns.
+    """Return the measures of each run up to each evaluation with finite returns: run_id, step, `MEASURED`.
 
     last_three is the mean of mastered % at the latest three evaluations, without that at step 0 unless it is
     the only one. mastered_area is the mean of mastered % over the steps: the area under the curve by
@@ -110,7 +110,7 @@ def measured_so_far(frames: Frames) -> pd.DataFrame:
 
 
 def area_over(budget: pd.Series, ends: pd.DataFrame) -> pd.Series:
-    """Return mastered_area over the budget, with each run's last value extended to the end.
+    """Return mastered_area over the whole budget, extending the last value of each run to its end.
 
     Args:
         budget: steps of each run.
@@ -157,7 +157,7 @@ def evaluation_curves(frames: Frames) -> pd.DataFrame:
 
 @computed_once
 def ceilings(frames: Frames) -> pd.DataFrame:
-    """Return the tasks of each test set that any run masters, as an upper bound for all teachers.
+    """Return the number of tasks of each test set that any run masters, an upper bound for all teachers.
 
     Returns:
         environment, test_set, tasks (their number), ever (number mastered at any evaluation), last (number
@@ -176,14 +176,14 @@ def ceilings(frames: Frames) -> pd.DataFrame:
 
 
 def ceiling_percent(frames: Frames, environment: str) -> float | None:
-    """Return the % of an environment's test tasks that any run masters, or None with several test sets."""
+    """Return the % of an environment's test tasks that any run masters, or None for several test sets."""
     rows = ceilings(frames)
     rows = rows[rows["environment"] == environment]
     return float(100 * rows["ever"].iloc[0] / rows["tasks"].iloc[0]) if len(rows) == 1 else None
 
 
 def ceiling_sentences(frames: Frames) -> list[str]:
-    """Return a sentence for each row of `ceilings`."""
+    """Return sentences on how many test tasks any run masters, one per row of `ceilings`."""
     return [
         f"Ceiling: of the {row['tasks']} tasks of test set {row['test_set']}, {row['ever']} are mastered by "
         f"any run at any evaluation, {row['last']} at the last one; the best evaluation of a run masters "
@@ -193,7 +193,7 @@ def ceiling_sentences(frames: Frames) -> list[str]:
 
 
 def aggregate(curves: pd.DataFrame, value: str, by: Sequence[str] = GROUP) -> pd.DataFrame:
-    """Return the statistics of `value` over the runs of each group and step.
+    """Return the mean and deviation of `value` over the runs of each group and step.
 
     Returns:
         `by`, step, n, mean, std, standard_error.
@@ -217,7 +217,7 @@ def mastered_tasks(frames: Frames, finals: pd.DataFrame, by: Sequence[str] = GRO
 
 
 def summarise(frames: Frames, finals: pd.DataFrame) -> pd.DataFrame:
-    """Return each group's numbers of runs by status, and its mean and std of every measure."""
+    """Return one row per group: numbers of runs by status, mean and std of every measure."""
     rows, by_group = [], dict(list(finals.groupby(GROUP))) if len(finals) else {}
     for key, seeds in frames.cells.groupby(GROUP, sort=True):
         runs = by_group.get(key, finals.head(0))

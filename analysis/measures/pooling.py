@@ -1,4 +1,4 @@
-"""Pools of the runs behind one result, and the conditions that separate results."""
+"""Pools: the runs whose results are one sample; and the conditions under which they are comparable."""
 
 import itertools
 import re
@@ -34,7 +34,7 @@ def varying(table: pd.DataFrame, columns: Sequence[str] = CONDITIONS) -> list[st
 
 
 def condition_words(row: pd.Series, columns: Sequence[str] = CONDITIONS) -> list[str]:
-    """Return a phrase for each condition of a result, or none for the paper's variant."""
+    """Return the conditions of a result as phrases, such as ``20 million steps``."""
     phrases = []
     for column in columns:
         value = row[column]
@@ -52,7 +52,7 @@ def condition_words(row: pd.Series, columns: Sequence[str] = CONDITIONS) -> list
 
 
 def by_conditions(runs: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
-    """Yield the started runs under each set of conditions with a tag for file names, largest set first."""
+    """Yield a tag for file names and the started runs under each set of conditions, most runs first."""
     begun = runs[runs["steps"].notna()]
     columns = varying(begun)
     groups = [rows for _, rows in begun.groupby(CONDITIONS, dropna=False, sort=True)]
@@ -207,7 +207,7 @@ Columns: TypeAlias = Mapping[str, NDArray[Any]]
 
 
 def _split(table: pd.DataFrame, number: str) -> dict[int, Columns]:
-    """Return the rows by number, in rising order, as arrays (faster than thousands of frames)."""
+    """Return the rows of each number, in ascending order, as arrays (faster than thousands of frames)."""
     numbers = table[number].to_numpy()
     order = np.argsort(numbers, kind="stable")
     keys, starts = np.unique(numbers[order], return_index=True)
@@ -343,7 +343,7 @@ def _expected(rows: Columns, by: Sequence[str]) -> set[str]:
 
 @computed_once
 def runs_after(frames: Frames, share: float = 1.0, *, training: bool = True) -> pd.DataFrame:
-    """Return `result_runs` after a share of each run's budget.
+    """Return the runs behind all results, measured after a share of their budgets; see `result_runs`.
 
     Args:
         frames: results of `load`.
@@ -380,7 +380,7 @@ def without_searches(cells: pd.DataFrame) -> pd.DataFrame:
 
 
 def by_students(cells: pd.DataFrame) -> Iterator[tuple[str, tuple[Matrix, ...], pd.DataFrame]]:
-    """Yield a file tag, matrices and cells for the paper's students together, and for each other student.
+    """Yield a file tag, matrices and cells, once for the paper's students and once per other student.
 
     Results of the original release, whose bipedal is another one, are separate.
     """

@@ -25,7 +25,7 @@ def measure_names(shares: Sequence[float] = SHARES) -> list[str]:
 
 
 def steps_to(share: float) -> str:
-    """Return the name of the column with the first step that reaches a share of the final mastered %."""
+    """Return the column name of the first step with a share of the final mastered %: steps_to_50_percent."""
     return f"steps_to_{round(100 * share)}_percent"
 
 
@@ -88,7 +88,7 @@ def run_measures(
 
 @computed_once
 def evaluations_at(frames: Frames, steps: Iterable[int]) -> pd.DataFrame:
-    """Return the measures at each step of every run that reached it and did not fail.
+    """Return the measures at given steps of all runs that reached them and did not fail.
 
     Returns:
         step (one of `steps`), run_id, evaluated_at (step of the last evaluation until then), and
@@ -104,7 +104,7 @@ def evaluations_at(frames: Frames, steps: Iterable[int]) -> pd.DataFrame:
 
 
 def training_returns_at(frames: Frames, steps: Iterable[int]) -> pd.DataFrame:
-    """Return the training return at each step of every run that reached it and did not fail.
+    """Return the training returns at given steps of all runs that reached them and did not fail.
 
     Returns:
         step (one of `steps`), run_id, training_return (last value of `evaluations.training_curves`).
@@ -117,7 +117,7 @@ def training_returns_at(frames: Frames, steps: Iterable[int]) -> pd.DataFrame:
 
 
 def _latest(frames: Frames, curves: pd.DataFrame, measured: str, steps: Sequence[int]) -> pd.DataFrame:
-    """Return the last row of `curves` up to each step, for runs that reached it."""
+    """Return each run's last row of `curves` up to each of `steps`, without steps that it did not reach."""
     reached = _reached(frames, frames.measured)
     limits = [_limits(frames, step, reached).assign(step=step) for step in steps]
     rows = pd.concat([_limits(frames, 0, reached).head(0).assign(step=0), *limits]).reset_index()

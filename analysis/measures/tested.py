@@ -85,7 +85,10 @@ def compared_over_strata(
     least: Sequence[float] = (),
     described: Sequence[tuple[Description, Description]] = (),
 ) -> Comparison:
-    """Compare the means of two groups over strata like `compared`, with the arguments of `stratified`."""
+    """Compare the means of two groups over strata, paired by seed as in `compared`.
+
+    Other arguments are those of `stratified`.
+    """
     if are_paired([sample for pair in pairs for sample in pair], seeds):
         return paired_strata(pairs, weights, seeds)
     return stratified(pairs, weights, least, described)
@@ -112,6 +115,6 @@ def in_common(first: pd.Series, second: pd.Series, seeds: Seeds) -> tuple[pd.Ser
 
 
 def are_paired(samples: Sequence[pd.Series], seeds: Seeds) -> bool:
-    """Return True if the samples have runs, all of them in `seeds`."""
+    """Return True if there are runs in the samples, and all of them are in `seeds`."""
     runs = [run for sample in samples for run in sample.index] if seeds else []
     return bool(runs) and all(run in seeds for run in runs)

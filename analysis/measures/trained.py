@@ -11,14 +11,17 @@ from analysis.data.frames import Frames, computed_once, positions
 from analysis.measures.evaluations import measured_so_far
 from analysis.measures.tested import TRAINED
 
-NEARLY_ALL = 95.0  # trained % of steps below which a teacher is also compared per trained step
+NEARLY_ALL = 95.0  # percentage of trained steps below which a teacher is also compared per trained step
 
 
 @computed_once
 def trained_steps(frames: Frames) -> pd.DataFrame:
-    """Return run_id, step, trained_steps and their % of step at the end of each training window.
+    """Return the steps of each run that were trained up to the end of each training window.
 
     Steps of episodes that only score tasks are not trained. An episode counts to the window of its end.
+
+    Returns:
+        run_id, step, trained_steps, and trained_percent, their percentage of step.
     """
     windows = frames.training_returns.sort_values(["run_id", "step"]).astype({"run_id": object})
     steps = (windows["episodes"] * windows["mean_length"].fillna(0)).groupby(windows["run_id"]).cumsum()
@@ -28,7 +31,7 @@ def trained_steps(frames: Frames) -> pd.DataFrame:
 
 
 def trained_shares(frames: Frames) -> pd.Series:
-    """Return the percentage of each run's steps that were trained, by run_id."""
+    """Return the percentage of trained steps of each run, by run_id."""
     return trained_steps(frames).groupby("run_id")["trained_percent"].last()
 
 
@@ -62,7 +65,7 @@ def trained_curves(frames: Frames) -> Curves:
 
 
 def trained_areas(curves: Curves, runs: pd.DataFrame, teacher: str, strata: Sequence[str]) -> pd.DataFrame:
-    """Return `runs` with `TRAINED`, the mean mastered % over as many trained steps as `teacher` has.
+    """Return `runs` with a column `TRAINED`: mean mastered % over as many trained steps as `teacher` has.
 
     The limit of a stratum is the fewest trained steps of a run of `teacher`; runs that end before it, and
     those without training windows, have no value.

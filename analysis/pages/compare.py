@@ -1,4 +1,4 @@
-"""The page that compares one's own results with released ones."""
+"""Page that compares a reader's own results with baselines."""
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -44,7 +44,7 @@ from analysis.teacher_styles import shown_together
 def challenge_sections(
     runs: pd.DataFrame, curves: pd.DataFrame, tests: pd.DataFrame, measure: str = HEADLINE
 ) -> Iterator[Section]:
-    """Yield each challenge and level that has results of both the reader's and comparable teachers.
+    """Yield a section per challenge and level: the reader's results among comparable ones.
 
     Args:
         runs: runs of `sources.comparable_runs`, at their ends.
@@ -108,7 +108,7 @@ def _charts(anchor: str, points: pd.DataFrame, along: pd.DataFrame, measure: str
 
 
 def _ranked(row: pd.Series, tests: pd.DataFrame, measure: str) -> dict[str, Any]:
-    """Return a teacher's row, with its tests against each of the reader's teachers."""
+    """Return a teacher's table row, with the tests of the reader's teachers against it."""
     texts = []
     for _, test in tests[tests["second"] == row["teacher"]].iterrows():
         text = f"{Gap.of(test)}, {p_value(test['holm']).replace('p', 'Holm', 1)}"
@@ -223,7 +223,7 @@ def _render(
 
 
 def _boards(ranked: Sequence[Rank]) -> dict[str, list[Rank]]:
-    """Return the ranks at each level and budget, by a title of axis, conditions and challenges."""
+    """Group ranks into panels of `rank_chart`, by title: measure, level, budget, challenges."""
     boards: dict[str, list[Rank]] = {}
     for rank in ranked:
         if rank.of > 1:
@@ -236,7 +236,7 @@ def _boards(ranked: Sequence[Rank]) -> dict[str, list[Rank]]:
 
 
 def _radars(runs: pd.DataFrame, baselines: Sequence[result_sets.ResultSet]) -> Iterator[Picture]:
-    """Yield the radar of the comparable results, and one for each published table."""
+    """Yield radar charts of the comparable results, one for each set of settings, and of published tables."""
     students = runs["pool"].map(lambda pool: ", ".join(sorted({student for _, student in parts_of(pool)})))
     groups = runs.assign(students=students).groupby([*SETTINGS, "students"], dropna=False)
     for count, (_, group) in enumerate(groups, start=1):

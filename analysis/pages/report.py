@@ -1,4 +1,4 @@
-"""The report on a results root: a self-contained interactive page with tables and videos."""
+"""Report on a results root: a self-contained interactive page with tables and videos."""
 
 import gzip
 from collections.abc import Iterator, Sequence
@@ -80,7 +80,7 @@ def unfinished(frames: Frames) -> dict[str, list[dict[str, Any]]]:
 
 
 def machines(attempts: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return machines and software versions, one entry per fingerprint."""
+    """Return the machines and software of attempts, one entry per fingerprint."""
     fingerprints = attempts.astype({"fingerprint": object, "host": object}).groupby("fingerprint")
     return [
         {
@@ -95,7 +95,7 @@ def machines(attempts: pd.DataFrame) -> list[dict[str, Any]]:
 
 
 def settings(cells: pd.DataFrame) -> list[dict[str, str]]:
-    """Return one entry for each distinct group of settings of the runs."""
+    """Return the distinct settings of runs (environment, physics, test set, steps), one entry each."""
     columns = ["engine", "environment", "physics_version", "test_set", "mastery_threshold", "steps"]
     entries = []
     for _, rows in cells.dropna(subset=["steps"]).groupby(columns, dropna=False, sort=True):
@@ -116,7 +116,7 @@ def settings(cells: pd.DataFrame) -> list[dict[str, str]]:
 
 
 class Download(NamedTuple):
-    """A CSV file of the report: its name, the meaning of a row, its content, and the gzipped content."""
+    """CSV file of a report: name, meaning of a row, content, gzipped content."""
 
     name: str
     row: str
@@ -125,7 +125,7 @@ class Download(NamedTuple):
 
 
 def downloads(measurements: Measurements) -> Iterator[Download]:
-    """Yield the tables of a report, in order."""
+    """Yield the tables of a report as CSV files, in the order of the page."""
     frames = measurements.frames
     curves = [
         aggregate(table, value).assign(measure=value)
@@ -183,13 +183,13 @@ class WantedVideo:
 
     @property
     def name(self) -> str:
-        """Name of a file."""
+        """File name of the video without suffix."""
         return f"{self.run_id}-{self.test_set}-{self.task_index}"
 
 
 @dataclass(frozen=True)
 class Video:
-    """Video file of an episode, and its return."""
+    """Recorded video of an episode, with its return."""
 
     wanted: WantedVideo
     file: Path
@@ -197,12 +197,12 @@ class Video:
 
     @property
     def content(self) -> bytes:
-        """Content of the file."""
+        """Content of the video file."""
         return self.file.read_bytes()
 
     @property
     def kind(self) -> str:
-        """Media type of the file."""
+        """Media type of the video file."""
         return MEDIA_TYPES[self.file.suffix]
 
     @property
@@ -216,7 +216,7 @@ class Video:
 
 
 def wanted_videos(measurements: Measurements) -> Iterator[WantedVideo]:
-    """Yield the best and the worst finished seed of every teacher, by mastered tasks.
+    """Yield the videos of a report: of every teacher's best and worst finished seed by mastered tasks.
 
     All policies of a comparison play the test task on which the returns of its runs differ most.
     """
@@ -243,7 +243,7 @@ def wanted_videos(measurements: Measurements) -> Iterator[WantedVideo]:
 
 
 def by_comparison(videos: Sequence[Video]) -> dict[str, list[Video]]:
-    """Return the videos of each section, by the section's anchor."""
+    """Return videos by the anchor of their section."""
     sections: dict[str, list[Video]] = {}
     for video in videos:
         sections.setdefault(video.wanted.comparison, []).append(video)

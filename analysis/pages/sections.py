@@ -101,16 +101,16 @@ def _difference(axis: str, gap: Gap | None) -> DifferenceCell:
 
 @dataclass(frozen=True, eq=False)
 class Section:
-    """Comparison on a page."""
+    """Section of a page: one comparison with its table, charts and figures."""
 
     anchor: str  # identifier on the page
     title: str  # title of the comparison
-    chosen_by: Mapping[str, str]  # values by the columns `FILTERS`
+    chosen_by: Mapping[str, str]  # values that readers filter by, by column of `FILTERS`
     rows: Sequence[Mapping[str, Any]]  # rows of the table of final results, one per teacher
-    step_rows: Mapping[str, Mapping[str, Mapping[str, str]]]  # table rows by step, teacher and column
+    step_rows: Mapping[str, Mapping[str, Mapping[str, str]]]  # texts of the table by step, teacher and column
     points: pd.DataFrame  # teacher, seed, step (or `END`) and value of every run
     charts: Sequence[PageChart]  # charts with all teachers
-    sentences: Sequence[str] = ()  # findings
+    sentences: Sequence[str] = ()  # sentences on the findings
     panels: Sequence[PageChart] = ()  # charts with a panel per teacher
     pictures: Sequence[Picture] = ()  # static figures
 
@@ -118,7 +118,7 @@ class Section:
 def overview(
     sections: Sequence[Section], titles: Iterable[str], quantity: str, heading: str, caption: str
 ) -> list[PageChart]:
-    """Return the chart of several comparisons, if any run was evaluated."""
+    """Return the chart over all comparisons, if there are several and a run was evaluated."""
     points = [section.points.assign(comparison=section.anchor) for section in sections]
     if len(sections) < 2 or all(table.empty for table in points):
         return []
@@ -191,7 +191,7 @@ Columns: TypeAlias = Mapping[str, NDArray[Any]]  # rows of a table by column
 def by_step(
     curves: pd.DataFrame, row: Callable[[int, str, Columns], dict[str, str]]
 ) -> dict[str, dict[str, dict[str, str]]]:
-    """Return the result of calling `row` on each teacher's runs at each step, by step and teacher."""
+    """Return the table rows by step and teacher, computed by `row` from a teacher's runs at a step."""
     texts: dict[str, dict[str, dict[str, str]]] = {}
     columns = {str(name): curves[name].to_numpy() for name in curves}
     groups: dict[Any, Any] = curves.groupby(["step", "teacher"]).indices
@@ -202,7 +202,7 @@ def by_step(
 
 
 def _against_random(tested: Mapping[str, Mapping[Any, Mapping[Any, Any]]], key: Hashable) -> dict[str, str]:
-    """Return the table cells for the tests of `key` on both axes, empty without tests."""
+    """Return the table cells for the tests of `key` in both measures, empty without tests."""
     tests = {axis: rows[key] for axis, rows in tested.items() if key in rows}
     if len(tests) < len(tested):
         return {"difference": "", "p": ""}
@@ -236,7 +236,7 @@ def sections(measurements: Measurements) -> Iterator[Section]:
 
 
 def distinct(titles: Sequence[str]) -> list[str]:
-    """Return titles without the parts between commas that all titles share."""
+    """Return titles without the comma-separated parts that all of them share."""
     parts = [title.split(", ") for title in titles]
     shared = set.intersection(*map(set, parts)) if parts else set()
     return [", ".join(part for part in title if part not in shared) or ", ".join(title) for title in parts]

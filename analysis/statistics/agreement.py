@@ -1,4 +1,4 @@
-"""Agreement between two measures on the effects of teachers, as a correlation of true effects."""
+"""Agreement of two measures on teachers, as the correlation of their true effects."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class EffectCorrelation(Estimate):
-    """A correlation of true effects with its 95 % interval.
+    """Correlation of true effects with its 95 % interval.
 
     Attributes:
         observed: Pearson's correlation of the observed means, less the mean of their space.
@@ -76,7 +76,7 @@ def effect_correlation(spaces: Sequence[Mapping[Any, ArrayLike]]) -> EffectCorre
 
 
 def _drawn(covariance: Floats, freedom: int, rng: np.random.Generator) -> Floats:
-    """Return draws (n, 2, 2) of a true covariance, given its estimate.
+    """Return draws (n, 2, 2) of a true covariance matrix, given its estimate (2, 2).
 
     Wishart matrices are L L' with Bartlett's lower triangular L.
     """

@@ -146,7 +146,7 @@ def _share_of_wins(first: Floats, second: Floats) -> float:
 
 
 def _newcombe(share: float, n: int, m: int) -> tuple[float, float]:
-    """Return the interval of a probability of improvement estimated from n times m pairs.
+    """Return Newcombe's interval of a probability of improvement estimated from n times m pairs.
 
     Its ends are the probabilities c whose squared distance to `share` is the squared quantile times the
     variance c (1 - c) / (n m) (1 + k ((1 - c) / (2 - c) + c / (1 + c))), with k = (n + m) / 2 - 1. Cleared of

@@ -97,7 +97,7 @@ def detectable_in_pairs(
 
 
 def _smallest_shift(power_at: Callable[[float], float], target: float) -> float:
-    """Return the smallest difference that reaches the power `target`, in true standard errors."""
+    """Return the smallest difference that reaches the power `target`, in units of the true standard error."""
     from scipy import optimize  # deferred: doubles the import time of `analysis`
 
     high = 1.0
@@ -156,7 +156,7 @@ def _power(shift: float, first: Description, second: Description, significance: 
 def _critical_values(
     n: int, std: float, other_n: int, other_std: float, significance: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return Welch's critical differences by sample variances (q, q), and their weights (q, q)."""
+    """Return Welch's critical differences (q, q) for pairs of sample variances, and their weights (q, q)."""
     from scipy import special
 
     (variances, weights), (other_variances, other_weights) = _variances(n), _variances(other_n)

@@ -30,7 +30,7 @@ def negligible(deviations: ArrayLike, values: ArrayLike) -> NDArray[np.bool_]:
 
 
 def deviations(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the deviations of values (..., n) from their means over n, with rounding errors set to 0."""
+    """Return the deviations of values (..., n) from their means (...), with rounding errors set to 0."""
     means = values.mean(axis=-1, keepdims=True)
     differences = values - means
     return np.where(negligible(differences, means), 0.0, differences)
@@ -82,7 +82,7 @@ class Estimate:
 
 
 def describe(values: ArrayLike) -> Description:
-    """Return the description of the finite values."""
+    """Return size, mean and standard deviation of the finite values."""
     sample = finite(values)
     n = sample.size
     if not n:
@@ -206,13 +206,13 @@ class Standing(StrEnum):
 
 
 def contrary(standing: Standing) -> Standing:
-    """Return the standing of a statement's negation."""
+    """Return the result for the negation of a statement: refuted for supported, and vice versa."""
     swapped = {Standing.SUPPORTED: Standing.REFUTED, Standing.REFUTED: Standing.SUPPORTED}
     return swapped.get(standing, standing)
 
 
 def greater(low: float, high: float, margin: float = DEFAULT_MARGIN) -> Standing:
-    """Return the standing of "the difference is above 0", judged by its interval.
+    """Return the result of testing "the difference is above 0" by its interval.
 
     It is supported if the interval is over 0, else refuted if the interval is under `margin`.
     """
@@ -222,7 +222,7 @@ def greater(low: float, high: float, margin: float = DEFAULT_MARGIN) -> Standing
 
 
 def equivalent(low: float, high: float, margin: float = DEFAULT_MARGIN) -> Standing:
-    """Return the standing of "the difference does not matter", judged by its interval.
+    """Return the result of testing "the difference does not matter" by its interval.
 
     It is supported if the interval is within plus and minus `margin`, else refuted if it excludes 0.
     """

@@ -51,7 +51,7 @@ def permutation_p(pairs: Sequence[tuple[ArrayLike, ArrayLike]], weights: Sequenc
 
 
 def sign_flip_p(differences: ArrayLike) -> float:
-    """Return the two-sided p-value of the mean of paired differences (n,) by flipping their signs."""
+    """Return the two-sided p-value of paired differences (n,) by the sign-flip test."""
     values = np.asarray(differences, np.float64)
     observed, scale = float(values.mean()), float(np.abs(values).max())
     if 2 ** len(values) <= MOST_ARRANGEMENTS:
@@ -102,7 +102,7 @@ class Scale(StrEnum):
     ARCSINE = "arcsine"
 
     def of(self, percentages: pd.Series) -> pd.Series:
-        """Return percentages converted to the scale, where arcsines are radians in [0, pi / 2].
+        """Convert percentages to the scale; arcsines are radians in [0, pi / 2].
 
         Shares within `ROUNDING` of 0 or 1 are rounded: the arcsine's slope there magnifies rounding errors.
 
@@ -111,7 +111,7 @@ class Scale(StrEnum):
         """
         if self is Scale.PERCENT:
             return percentages
-        shares = percentages.to_numpy(float) / 100  # faster than series: a board has thousands of samples
+        shares = percentages.to_numpy(float) / 100  # faster than series: a leaderboard has thousands of samples
         wrong = shares[(shares < -ROUNDING) | (shares > 1 + ROUNDING)]
         if len(wrong):
             raise ValueError(f"{100 * wrong[0]:g}: expected percentages, in [0, 100], to test arcsines")
@@ -173,7 +173,7 @@ def welch(sample: pd.Series, reference: pd.Series) -> Comparison:
 
 
 def welch_of_values(sample: ArrayLike, reference: ArrayLike) -> Comparison:
-    """Compare two samples (n,) that share no run, as `welch` does."""
+    """Compare the means of two samples (n,) without common runs, as in `welch`."""
     first, second = describe(sample), describe(reference)
     test = welch_from_statistics(first, second)
     if test.reason or first.std == second.std or min(first.std, second.std) > 0:
@@ -185,7 +185,7 @@ def welch_of_values(sample: ArrayLike, reference: ArrayLike) -> Comparison:
 
 
 def welch_from_statistics(first: Description, second: Description) -> Comparison:
-    """Compare two independent samples by their descriptions.
+    """Compare the means of two independent samples, given their sizes, means and deviations.
 
     Without any spread, p is that of the permutation test.
     """
