@@ -1,4 +1,4 @@
-"""Styles of charts: colours, and a colour, marker and dash pattern per teacher, the same in all charts."""
+"""Colours of charts, and a colour, marker and dash pattern for every teacher."""
 
 import functools
 import hashlib
@@ -38,7 +38,7 @@ _STYLES = {
     "spdl": TeacherStyle("#a89a00", "p", "-"),
 }
 
-# For teachers of other authors: far from the paper's eight, and from each other, in CIE L*a*b* (30 and more).
+# Colours of other teachers, at least 30 from each other and from those above in CIE L*a*b*.
 _OTHER_COLOURS = (
     "#3333dd", "#e23de2", "#000059", "#e20051", "#00a600", "#590000", "#3d5bf2", "#cc8866",
     "#3c5900", "#cc0088", "#591643", "#ca79f2", "#f20000", "#6e00a6", "#593b00", "#6e53a6",
@@ -86,7 +86,7 @@ def shown_together(teachers: Iterable[str]) -> Iterator[None]:
 
 
 def _hashed(teacher: str) -> tuple[int, ...]:
-    """Return the indices of colour, marker and dashes that follow from a teacher's name."""
+    """Return the indices of colour, marker and dashes that a hash of the teacher's name selects."""
     digest = hashlib.sha256(teacher.encode()).digest()
     return tuple(byte % size for byte, size in zip(digest, _SIZES, strict=False))
 
@@ -97,7 +97,7 @@ def _style(indices: tuple[int, ...]) -> TeacherStyle:
 
 
 def _assigned(teachers: Iterable[str]) -> dict[str, TeacherStyle]:
-    """Return the style of each teacher: the one its name gives if that is free, else the least used one."""
+    """Return styles by teacher: the one that its name selects if it is free, else the least used one."""
     taken: dict[str, tuple[int, ...]] = {}
     for teacher in sorted(teachers):
         cost = functools.partial(_cost, _hashed(teacher), taken.values())
@@ -108,7 +108,7 @@ def _assigned(teachers: Iterable[str]) -> dict[str, TeacherStyle]:
 def _cost(
     hashed: tuple[int, ...], taken: Collection[tuple[int, ...]], indices: tuple[int, ...]
 ) -> tuple[int, ...]:
-    """Return how often the colour, its pair with the marker, and all three are used, then the changes."""
+    """Return the cost of a style: uses of colour, of colour and marker, of all three, and changes."""
     uses = (sum(other[:count] == indices[:count] for other in taken) for count in (1, 2, 3))
     changes = ((new - old) % size for new, old, size in zip(indices, hashed, _SIZES, strict=True))
     return (*uses, *changes)

@@ -111,7 +111,7 @@ class Scale(StrEnum):
         """
         if self is Scale.PERCENT:
             return percentages
-        shares = percentages.to_numpy(float) / 100  # faster than series: a leaderboard has thousands of samples
+        shares = percentages.to_numpy(float) / 100  # arrays, faster than thousands of series
         wrong = shares[(shares < -ROUNDING) | (shares > 1 + ROUNDING)]
         if len(wrong):
             raise ValueError(f"{100 * wrong[0]:g}: expected percentages, in [0, 100], to test arcsines")

@@ -30,7 +30,7 @@ cent, and digits, missing and doubt as in `table.TableCell`."""
 
 @dataclass(frozen=True)
 class TableResults:
-    """Results that can share a table.
+    """Results under the same settings, which can share a table.
 
     Attributes:
         rows: results, with the columns `RESULTS`.
@@ -46,7 +46,7 @@ class TableResults:
 
 
 def published_table_results(frame: pd.DataFrame | None = None) -> TableResults:
-    """Return published results, by default the paper's.
+    """Return published results for tables, by default the paper's.
 
     Args:
         frame: table with the columns of `paper_frame`.
@@ -65,7 +65,7 @@ def table_results(frames: Frames, step: int | None = None) -> list[TableResults]
 
     Args:
         frames: result of `load`.
-        step: step at which runs are read; None for their ends.
+        step: step at which runs are measured; None for their ends.
     """
     cells, values = pooling.without_searches(frames.cells), run_measures(frames, step)
     groups: list[TableResults] = []
@@ -79,7 +79,7 @@ def table_results(frames: Frames, step: int | None = None) -> list[TableResults]
 
 
 def results_of(frame: pd.DataFrame) -> pd.DataFrame:
-    """Return the columns `RESULTS` of pooled or published results.
+    """Convert pooled or published results to the columns `RESULTS`.
 
     Args:
         frame: results of `pooling.pooled`, with or without embodiment, or of `reference.paper_frame`.
@@ -108,7 +108,7 @@ def results_of(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def _by_settings(frame: pd.DataFrame, step: int | None) -> Iterator[tuple[str, pd.DataFrame]]:
-    """Yield a remark and the results of each group with the same settings."""
+    """Yield the results under each set of settings, preceded by a remark on the settings."""
     shipped = pooling.shipped_together(frame["environment"].unique())
     keys = frame[["engine", "environment", "challenge"]].itertuples(index=False, name=None)
     test_sets = [
@@ -227,7 +227,7 @@ def _table(
     columns: Mapping[str, str],
     contents: Mapping[str, tuple[benchmark.Matrix, tuple[str, ...], str]],
 ) -> ResultTable:
-    """Return a table of teachers, with the matrix, embodiments and level of each column in `contents`."""
+    """Return a table of teachers; `contents` has the matrix, embodiments and level of each column."""
     rows, cells = results.rows, dict[tuple[str, str], TableCell]()
     for column, (matrix, bodies, level) in contents.items():
         mask = (

@@ -15,7 +15,7 @@ from analysis.formatting import number
 
 @dataclass(frozen=True)
 class TableCell:
-    """Cell of a table: the mean of a measure over runs, or a text.
+    """Cell of a `ResultTable`: a mean with its standard deviation, or a text.
 
     Attributes:
         n: number of runs.
@@ -44,7 +44,7 @@ class TableCell:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Notes on the cell."""
+        """Footnotes of the cell."""
         doubt = f"doubtful: {self.doubt}" if self.doubt else ""
         return tuple(text for text in (self.missing, doubt) if text)
 
@@ -91,14 +91,14 @@ class ResultTable:
         return bool(self.counts(column)) and not any(cell.words for cell in self.column_cells(column))
 
     def notes(self) -> dict[str, str]:
-        """Return the letters a, b, ... of all notes, by the text of the note."""
+        """Return the letters (a, b, ...) of the table's footnotes, by their text."""
         cells = (self.cell(row, column) for row in self.rows for column in self.columns)
         texts = dict.fromkeys(note for cell in cells for note in cell.notes)
         return {text: _letters(index) for index, text in enumerate(texts)}
 
 
 def with_best(table: ResultTable, columns: Iterable[str] | None = None) -> ResultTable:
-    """Return a table with the highest numbers (after rounding) of all or some columns marked.
+    """Return a table with the highest number (after rounding) in all or some columns marked.
 
     Columns whose numbers are all equal have no mark.
     """
@@ -127,7 +127,7 @@ DASH = "\N{EN DASH}"
 
 
 class TableFormat(StrEnum):
-    """Formats of tables."""
+    """Format of tables."""
 
     MARKDOWN = "markdown"
     LATEX = "latex"
@@ -149,7 +149,7 @@ def render(table: ResultTable, kind: TableFormat) -> str:
 
 
 class _Marks(NamedTuple):
-    """Markup of a format."""
+    """Markup of Markdown or LaTeX."""
 
     escape: Callable[[str], str]
     bold: Callable[[str], str]
@@ -226,7 +226,7 @@ def _csv(table: ResultTable) -> str:
 
 
 def _grid(table: ResultTable, marks: _Marks) -> Iterator[list[str]]:
-    """Yield the column labels and then the cells of each row, as text in the table's format."""
+    """Yield the header and the rows of a table, as lists of texts with markup."""
     counts = {column: table.counts(column) for column in table.columns}
     same_everywhere = len(set().union(*counts.values())) < 2
     labels = [marks.escape(table.head)]

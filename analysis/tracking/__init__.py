@@ -1,4 +1,4 @@
-"""Scalars of runs for TensorBoard and Weights & Biases, taken only from published rows."""
+"""Export of the published scalars of runs to TensorBoard and Weights & Biases."""
 
 from analysis.tracking.event_folder import EventFolder
 from analysis.tracking.points import watch

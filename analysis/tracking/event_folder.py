@@ -23,7 +23,7 @@ _LENGTH: Final = struct.Struct("<Q")
 
 
 def event_files(folder: Path) -> list[Path]:
-    """Return the event files in a folder, except links, in TensorBoard's order."""
+    """Return the event files in a folder, except symbolic links, in TensorBoard's order."""
     return sorted(path for path in folder.glob(_NAMES) if not path.is_symlink())
 
 
@@ -63,7 +63,7 @@ class RunEvents:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._counts: dict[Table, int] = {}  # points written so far, by table
-        self._writer: Any = None  # writer of the growing file
+        self._writer: Any = None  # writer of the current file
         self._opened = 0  # number of files, to distinguish files created in the same second
         self._cleared = False  # True if files were cleared since the last one was opened
 
@@ -105,7 +105,7 @@ class RunEvents:
         self._writer.flush()
 
     def close(self) -> None:
-        """Close the growing file."""
+        """Close the current file."""
         if self._writer is not None:
             self._writer.close()
             self._writer = None
@@ -118,7 +118,7 @@ class RunEvents:
 
 
 def _common(points: Sequence[Point], written: Mapping[str, deque[tuple[int, float]]]) -> int:
-    """Return the number of leading points found in `written`, removing them from it."""
+    """Return the number of first points that are already in `written`, and remove them from it."""
     for index, (step, scalars) in enumerate(points):
         expected = {tag: (step, float(np.float32(value))) for tag, value in scalars.items()}
         if any(not written.get(tag) or written[tag][0] != value for tag, value in expected.items()):
@@ -129,7 +129,7 @@ def _common(points: Sequence[Point], written: Mapping[str, deque[tuple[int, floa
 
 
 class EventFolder(Tracker):
-    """Event files of the runs of a results root, in a sub-folder for each.
+    """TensorBoard log folder of a results root, with a sub-folder of event files per run.
 
     Files of an earlier tracker are continued, or replaced if they contradict the root.
 
@@ -173,7 +173,7 @@ class EventFolder(Tracker):
 
 
 def run_folder(run: RunRecord, experiment: str) -> Path:
-    """Return the folder of a run's event files."""
+    """Return the sub-folder of a run's event files."""
     names = run.student, run.challenge, run.embodiment, run.expert_knowledge
     setting = "-".join(_plain(name) for name in names if name)
     return Path(_plain(experiment), _plain(run.teacher), setting, f"seed_{_plain(run.seed)}-{run.run_id}")

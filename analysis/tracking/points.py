@@ -1,4 +1,4 @@
-"""Published scalars of runs for experiment trackers."""
+"""Published points (steps with their scalars) of runs, for experiment trackers."""
 
 import time
 from abc import ABC, abstractmethod
@@ -24,7 +24,7 @@ TRACKED_TABLES: Final = (Table.TRAINING, Table.EVALUATIONS, Table.TEACHER_LOG)
 LARGEST_FLOAT: Final = float(np.finfo(np.float32).max)
 """Largest value of event files, which hold float32."""
 
-Point = tuple[int, dict[str, float]]  # step and its scalars by tag
+Point = tuple[int, dict[str, float]]  # step, and scalars by tag
 
 
 RUNS_AT_ONCE: Final = 32
@@ -32,7 +32,7 @@ RUNS_AT_ONCE: Final = 32
 
 
 class Tracker(ABC):
-    """Experiment tracker to which each published point of a root's runs is written once.
+    """Experiment tracker to which every published point of a root's runs is written once.
 
     Args:
         root: folder, or ``s3://`` or ``gs://`` address.
@@ -42,7 +42,7 @@ class Tracker(ABC):
     """
 
     def __init__(self, root: str | Path) -> None:
-        Results.open(root)  # fails early for other folders
+        Results.open(root)  # fails early without a results root
         self._root = root
         self._files: dict[str, object] = {}  # files of each run's manifest at the last update
 
@@ -82,7 +82,7 @@ def watch(tracker: Tracker) -> Iterator[int]:
 
 
 def first_experiments(results: Results, manifests: Iterable[Manifest]) -> dict[str, str]:
-    """Return the first experiment of each run by campaign and name, by run id."""
+    """Return an experiment of each run by run id: the first in the order of campaigns and names."""
     cells = _rows(results, Table.CELLS, _ids(manifests), ["run_id", "campaign", "experiment"])
     cells = cells.sort_values(["campaign", "experiment"], kind="stable").drop_duplicates("run_id")
     return dict(zip(cells["run_id"], cells["experiment"], strict=True))

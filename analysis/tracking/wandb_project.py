@@ -78,7 +78,7 @@ class WandbProject(Tracker):
         return bool(new)
 
     def _begin(self, manifest: Manifest, experiment: str) -> Any:
-        """Return the run in the project, new or resumed."""
+        """Create a run in the project, or resume it."""
         import wandb
 
         record, config = manifest.run, config_of(manifest)

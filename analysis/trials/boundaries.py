@@ -18,14 +18,14 @@ NODES, WEIGHTS = np.polynomial.legendre.leggauss(96)
 """Gauss-Legendre quadrature on [-1, 1], by which crossing probabilities are exact to 1e-9."""
 
 LOWEST = -9.0  # standard deviations below the mean at which densities are cut off
-HIGHEST = 40.0  # upper limit of the search for boundaries; its error is 0 in double precision
+HIGHEST = 40.0  # upper limit of the search for boundaries, where the tail is 0 in double precision
 FURTHEST = 12.0  # largest distance between the median-unbiased and the naive estimate, in standard errors
 
 Floats = NDArray[np.float64]
 
 
 def spent(fraction: float, error: float) -> float:
-    """Return how much of the total one-sided `error` is spent at a fraction of the information.
+    """Return the part of the one-sided `error` that is spent at a fraction of the information.
 
     Lan and DeMets' (1983) function like O'Brien and Fleming's: 2 - 2 Phi(z(1 - error / 2) / sqrt(fraction)).
     """
@@ -36,7 +36,7 @@ def spent(fraction: float, error: float) -> float:
 def boundaries(
     fractions: tuple[float, ...], error: float, information: tuple[float, ...]
 ) -> tuple[float, ...]:
-    """Return the boundary of each look, which spends the error that `spent` allows.
+    """Return the boundaries of all looks by the error-spending function `spent`.
 
     Args:
         fractions: planned information of each look as a share of the last one's, by which error is spent.
@@ -103,7 +103,7 @@ class _Path:
 
     scores: Floats = field(default_factory=lambda: np.zeros(1))  # quadrature nodes (n,)
     density: Floats = field(default_factory=lambda: np.ones(1))  # probability at each node (n,)
-    information: float = 0.0  # information of the look
+    information: float = 0.0  # information at the last look
 
     def over(self, bound: float, information: float, drift: float = 0.0) -> float:
         """Return the probability of crossing `bound` at the next look."""

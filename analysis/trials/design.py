@@ -1,4 +1,4 @@
-"""Designs of trials, fixed before the first run from the results of a release."""
+"""Designs of trials, computed from the results of a release and fixed before the first run."""
 
 import hashlib
 import json
@@ -36,14 +36,12 @@ AXES = tuple(SCALES)  # measures of a trial
 SCALED = {HEADLINE: "angle", FINAL: "end"}
 """Columns of `ended_runs` with the measures on the scales of their tests."""
 
-CHALLENGE = (
-    2  # number of columns in `CELL_COLUMNS` that name a challenge; cells of a challenge share its weight
-)
+CHALLENGE = 2  # number of leading columns in `CELL_COLUMNS` that name a challenge
 
 ERRORS = (0.05, 0.045, 0.04, 0.035, 0.03, 0.025, 0.02, 0.015, 0.01)
 """Candidate errors to spend; a design takes the largest with wrong verdicts in at most `ERROR` of trials."""
 
-TRIALS = 4_000  # simulated trials behind the choice of the error
+TRIALS = 4_000  # number of simulated trials by which the error is chosen
 
 
 @dataclass(frozen=True)
@@ -57,7 +55,7 @@ class Spread:
 
 @dataclass(frozen=True)
 class TrialCell:
-    """A cell of a trial."""
+    """Cell of a trial, with its weight, its cost, and the spread of results in the release."""
 
     name: str  # name of the challenge, with the embodiment where the release has several
     environment: str
@@ -73,7 +71,7 @@ class TrialCell:
     end: Spread | None = None  # spread of `FINAL`; None in older designs, which report `HEADLINE` alone
 
     def spread(self, measure: str) -> Spread:
-        """Return the spread of a measure of the design."""
+        """Return the spread of a measure in the cell."""
         if measure == FINAL:
             assert self.end is not None, f"no {FINAL} in the design of {self.name}"
             return self.end
@@ -94,18 +92,18 @@ class Design:
     release_digest: str  # SHA-256 of the runs of the references and their results
     best: str  # teacher of the release with the highest mean of `HEADLINE`, other than Random
     candidates: int  # number of teachers among which `best` was selected
-    cells: tuple[TrialCell, ...]  # in the order in which they are run
+    cells: tuple[TrialCell, ...]  # cells in the order in which they are run
     seeds: tuple[int, ...]  # seeds of the new teacher, disjoint from those of the references
     margin: float = AREA_MARGIN  # equivalence margin of `HEADLINE`, in points; see `margin_of`
     error: float = rules.ERROR  # error to spend on both comparisons together, at most `ERROR`
     simulated_error: float = 0.0  # largest share of simulated trials with a wrong verdict
     looks: tuple[int, ...] = rules.LOOKS  # seeds of every cell at each look
-    measure: str = HEADLINE  # column of `run_measures`
+    measure: str = HEADLINE  # measure of the design, a column of `run_measures`
     runs: str = ""  # SHA-256 of the ids of all runs, which depend on the teacher's source and settings
 
     @classmethod
     def of(cls, content: Mapping[str, Any], where: str) -> "Design":
-        """Return the design of a trial file.
+        """Return the design in the content of a trial file.
 
         Raises:
             DamagedFileError: if the content is not that of a design.
@@ -146,7 +144,7 @@ class Design:
         return [cell.key for cell in self.cells]
 
     def rule(self, reference: str, runs: rules.Floats, measure: str = HEADLINE) -> rules.DecisionRule:
-        """Return the decision rule for comparing with a reference that has `runs` (cells,) runs per cell."""
+        """Return the decision rule of the comparison with a reference, given its `runs` per cell (cells,)."""
         candidates = 1 if is_baseline(reference) else self.candidates
         fractions = rules.planned_fractions(self.looks, self.estimand(measure).factors, runs)
         margin, error = self.margin_of(measure), self.error / rules.COMPARISONS
@@ -158,7 +156,7 @@ class Design:
         return settings == (teacher, release, set(cells), margin)
 
     def renewed(self, released: pd.DataFrame) -> "Design":
-        """Return the design with an updated digest, that of the references' runs in `released`.
+        """Return the design with the digest of the references' runs in `released`.
 
         The digest ignores other runs, so a release may grow during a trial.
         """
@@ -264,7 +262,7 @@ def make_design(
 
 
 def _cell_keys(cells: pd.DataFrame, names: Collection[str]) -> dict[str, tuple[str, ...]]:
-    """Return Random's cells at their highest level of knowledge, as values of `CELL_COLUMNS` by name."""
+    """Return the cells of Random at the highest level of knowledge: values of `CELL_COLUMNS` by name."""
     rows = cells[cells["teacher"].map(lambda name: is_baseline(str(name)))]
     keys = {tuple(map(str, row)) for row in rows[CELL_COLUMNS].itertuples(index=False)}
     rising = sorted(keys, key=lambda key: (key[:-1], KnowledgeLevel(key[-1]).rank))
@@ -282,7 +280,7 @@ def _cell_keys(cells: pd.DataFrame, names: Collection[str]) -> dict[str, tuple[s
 def _cells(
     keys: Mapping[str, tuple[str, ...]], released: pd.DataFrame, frames: Frames
 ) -> tuple[TrialCell, ...]:
-    """Return the cells in falling order of signal to noise per core-hour.
+    """Return the cells of a trial, those with the most signal to noise per core-hour first.
 
     The signal is the variance between the release's teachers less the share of seeds, the noise the variance
     of a run.
@@ -312,7 +310,7 @@ def _cells(
 
 
 def _weights(keys: Sequence[tuple[str, ...]]) -> list[float]:
-    """Return the cells' weights, which sum to 1 and are equal for challenges and within each challenge."""
+    """Return the weights of cells, with sum 1, and equal for challenges and within a challenge."""
     weights = stratum_weights([key[:CHALLENGE] for key in keys])
     return [weight / sum(weights) for weight in weights]
 
@@ -399,7 +397,7 @@ def detectable(design: Design, reference: str, runs: rules.Floats) -> float:
 
 
 def planned(design: Design, runs: rules.Floats, measure: str = HEADLINE) -> list[rules.DifferenceEstimate]:
-    """Return the expected estimate at each look for a new teacher that is like the reference."""
+    """Return the expected estimates by look for a new teacher that equals the reference."""
     variance = np.array([cell.spread(measure).deviation ** 2 for cell in design.cells])
     reference = rules.Moments(np.zeros_like(variance), variance, runs)
     teachers = [replace(reference, runs=np.full_like(variance, seeds)) for seeds in design.looks]

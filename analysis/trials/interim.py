@@ -36,7 +36,7 @@ from tma_ray.support.texts import counted
 
 
 class TrialEnding(StrEnum):
-    """Reason why a trial ends, or the fact that it goes on."""
+    """Reason why a trial ends at a look, or `GOES_ON`."""
 
     DECIDED = "decided"  # both comparisons have a verdict
     FUTILE = "futile"  # no open comparison is likely to get a verdict
@@ -46,7 +46,7 @@ class TrialEnding(StrEnum):
 
 @dataclass(frozen=True)
 class LookComparison:
-    """Comparison with a reference at an interim look, in points."""
+    """Comparison of the new teacher with a reference at an interim look, in points."""
 
     measure: str  # measure that is compared, one of `design.AXES`
     reference: str  # teacher that the new one is compared with
@@ -62,7 +62,7 @@ class LookComparison:
 
 @dataclass(frozen=True)
 class InterimLook:
-    """Interim look of a trial."""
+    """Interim look of a trial, with its comparisons."""
 
     seeds: int  # seeds of every cell
     comparisons: tuple[LookComparison, ...]  # comparisons, starting with the measure that ends trials
@@ -71,7 +71,7 @@ class InterimLook:
     excluded: int = 0  # number of runs excluded for non-finite returns
 
     def pairs(self) -> Iterator[tuple[LookComparison, ...]]:
-        """Yield the settled comparisons with each reference, by `HEADLINE` and then by `FINAL`, if any."""
+        """Yield the settled comparisons of each reference, by `HEADLINE` and (if compared) by `FINAL`."""
         for reference in dict.fromkeys(comparison.reference for comparison in self.settled):
             yield tuple(comparison for comparison in self.settled if comparison.reference == reference)
 
@@ -289,14 +289,14 @@ def look_line(look: InterimLook) -> str:
 
 
 def _verdict(pair: Sequence[LookComparison]) -> str:
-    """Return the verdict against one reference on all axes."""
+    """Return the verdict against one reference, combined over its measures."""
     if len(pair) == 1:
         return f"{pair[0].verdict} over training"
     return on_both_axes(*(comparison.verdict for comparison in pair))
 
 
 def _quantity(design: Design) -> str:
-    """Return the unit of the differences on all axes."""
+    """Return a phrase on the unit of the differences in all measures."""
     parts = [f"{AVERAGING[measure]} ({AXES[measure]})" for measure in design.axes]
     return f"points of test tasks mastered {' and '.join(parts)}"
 

@@ -38,7 +38,7 @@ class TrialVerdict(StrEnum):
 
 @dataclass(frozen=True)
 class Moments:
-    """Moments of a teacher's runs in each cell, on the scale of the test."""
+    """Means and variances of a teacher's runs in each cell, on the scale of the test."""
 
     mean: Floats  # means (..., cells)
     variance: Floats  # sample variances (..., cells); 0 in place of rounding errors of the means
@@ -83,14 +83,14 @@ class DifferenceEstimate:
 
 
 def difference(teacher: Moments, reference: Moments, estimand: Estimand) -> DifferenceEstimate:
-    """Return the difference over cells, estimated as by `statistics.stratified` with least variances.
+    """Estimate the difference between two teachers over all cells, as in `statistics.stratified`.
 
     Least variances widen the standard error and leave the degrees of freedom as they are.
     """
     squares = estimand.factors**2
     groups = [(group, squares / group.runs) for group in (teacher, reference)]
     terms = [(factors * group.variance, group.runs - 1) for group, factors in groups]
-    with np.errstate(invalid="ignore", divide="ignore"):  # without spread in any sample
+    with np.errstate(invalid="ignore", divide="ignore"):  # where no sample has a spread
         freedom = sum(term.sum(axis=-1) for term, _ in terms) ** 2 / sum(
             (term**2 / count).sum(axis=-1) for term, count in terms
         )
@@ -145,7 +145,7 @@ class DecisionRule:
     def reach(self, estimate: DifferenceEstimate, look: int, *, above: bool) -> Floats:
         """Return the smallest difference in points that counts as better (if `above`) or worse at a look."""
         bounds = self.lower if above else self.upper
-        with np.errstate(invalid="ignore"):  # without spread in any sample
+        with np.errstate(invalid="ignore"):  # where no sample has a spread
             reach = quantile(estimate.freedom, bounds[look]) * estimate.error
             return np.asarray(np.where(estimate.freedom > 0, reach, math.inf), np.float64)
 
@@ -160,7 +160,7 @@ class DecisionRule:
     def power(
         self, teacher: Moments, reference: Moments, estimand: Estimand, last: int | None = None
     ) -> Floats:
-        """Return the predictive power at look `last`, by default at the very last look.
+        """Return the predictive power at look `last`, by default the last look of all.
 
         Conditional power, averaged over the differences that the seeds so far leave open (Spiegelhalter,
         Freedman and Blackburn, 1986).
@@ -196,7 +196,7 @@ def planned_fractions(looks: Sequence[int], factors: Floats, reference_runs: Flo
 
 
 def quantile(freedom: Floats, bound: float) -> Floats:
-    """Return Student's quantiles at the same probabilities as the normal quantile `bound`."""
+    """Return Student's quantiles at the probability of the normal quantile `bound`."""
     return np.asarray(-special.stdtrit(freedom, float(special.ndtr(-bound))), np.float64)
 
 
@@ -211,7 +211,7 @@ class SimulatedOutcomes:
     seeds: NDArray[np.int64]  # seeds of every cell that were run (trials,)
     estimates: Floats  # difference at the look of the verdict, or at the last one (2, trials), in points
     errors: Floats  # standard error of the estimate (2, trials)
-    looks: NDArray[np.int64]  # index of that look (2, trials)
+    looks: NDArray[np.int64]  # index of the look of the estimate (2, trials)
     wrong: NDArray[np.bool_]  # True where either verdict is wrong (trials,)
 
 
@@ -269,7 +269,7 @@ def simulate(setting: Setting, true: float, trials: int, seed: int = SIMULATION_
 
 
 def _new_runs(setting: Setting, trials: int, rng: np.random.Generator) -> Floats:
-    """Return simulated runs of a new teacher with mean 0 (trials, cells, seeds)."""
+    """Return simulated runs (trials, cells, seeds) of a new teacher with mean 0."""
     drawn = np.zeros((trials, len(setting.residuals), setting.rules[0].looks[-1]))
     likes = rng.integers(len(setting.residuals[0]), size=trials)
     for cell, teachers in enumerate(setting.residuals):
@@ -280,7 +280,7 @@ def _new_runs(setting: Setting, trials: int, rng: np.random.Generator) -> Floats
 
 
 def _references(setting: Setting, trials: int, rng: np.random.Generator) -> tuple[Moments, Moments]:
-    """Return the simulated moments of Random and of each trial's candidate with the highest mean."""
+    """Return the simulated moments of Random and of the best other teacher in each trial."""
     shape = len(setting.residuals[0]), trials, len(setting.residuals)
     means, variances = np.zeros(shape), np.zeros(shape)
     for cell, (teachers, runs) in enumerate(zip(setting.residuals, setting.runs, strict=True)):
