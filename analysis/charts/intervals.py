@@ -1,4 +1,4 @@
-"""Charts with intervals: means, ranks, differences, performance profiles, and the looks of a trial."""
+"""Charts with intervals: means, ranks, differences, performance profiles, and interim looks of a trial."""
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -367,7 +367,7 @@ def course_chart(
 
 
 def _heading(measure: str, references: Iterable[str]) -> str:
-    """Return the heading of a measure's comparisons with references."""
+    """Return a heading with the measure and the references."""
     return f"{AXES[measure].capitalize()}, against {' and '.join(map(label, references))}"
 
 

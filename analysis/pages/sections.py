@@ -27,9 +27,9 @@ from analysis.measures.tested import FINAL, HEADLINE
 from analysis.names import short_title, teacher_order
 from analysis.statistics import describe
 
-CELL_AXES = (FINAL, HEADLINE)  # axes in the order of a cell
+CELL_AXES = (FINAL, HEADLINE)  # measures in the order in which a cell shows them
 
-MOST_ROWS = 8  # largest number of rows of the chart, so that the matrix also fits on the screen
+MOST_ROWS = 8  # largest number of rows of the chart, which leaves room on the screen for the matrix
 
 
 class DifferenceCell(NamedTuple):
@@ -41,7 +41,7 @@ class DifferenceCell(NamedTuple):
 
 
 class Row(NamedTuple):
-    """Differences between a teacher and Random on both axes, over all challenges and on each one."""
+    """Row of a teacher: differences from Random in both measures, over all challenges and on each one."""
 
     teacher: str
     name: str
@@ -50,18 +50,18 @@ class Row(NamedTuple):
 
 @dataclass(frozen=True)
 class Answer:
-    """Leaderboard at the top of a page."""
+    """Leaderboard at the top of a report: sentence, chart and matrix."""
 
     title: str  # level, budget and engine
-    sentence: str  # answer on the best teachers
+    sentence: str  # sentence on the best teachers
     chart: PageChart  # differences from Random over all challenges
     challenges: list[str]  # heads of the columns of challenges
     rows: list[Row]  # teachers, the best at the end first
-    notes: list[str]  # meanings of the marks of teachers
+    notes: list[str]  # notes below the matrix
 
 
 def answers(frames: Frames) -> Iterator[Answer]:
-    """Yield an answer for each level and budget that has several challenges and Random."""
+    """Yield an answer for each level and budget with several challenges and results of Random."""
     for count, board in enumerate(leaderboards(frames), start=1):
         compared = [entry.against for entry in board.entries if entry.against]
         if len(board.challenges) > 1 and compared:
