@@ -35,12 +35,12 @@ class Challenge:
     """Variant of an environment that isolates one difficulty for teachers.
 
     Attributes:
-        name: name of the challenge, which seeds shared randomness together with the seed of the run.
+        name: name of the challenge; with the seed of a run, it seeds the randomness shared by all teachers.
         test_set: name of a shipped test set.
         easy_task: task easy for an untrained student, the initial mean at high expert knowledge; None if
             unknown.
-        other_test_sets: name of the test set of each body type that needs another one.
-        resets: shares of the budget after which the student forgets everything, in rising order.
+        other_test_sets: names of other test sets by body type.
+        resets: shares of the budget after which the student is reset, ascending.
         cuts: intervals per dimension that are shuffled by the seed, 0 for none. Test set and easy task are
             not shuffled.
     """
@@ -90,7 +90,7 @@ def _parkour(
     delta: float = 10.0,
     tests: str = "",
 ) -> Challenge:
-    """Return a Parkour challenge with three intervals of `theta`, tested on `tests` or by body type."""
+    """Return a Parkour challenge with bounds of theta_1 to theta_3, and `tests` or test sets by body."""
     bounds = {
         **dict(zip(("theta_1", "theta_2", "theta_3"), theta, strict=True)),
         "water_level": water,
@@ -114,10 +114,10 @@ def _easy_parkour(
 
 
 FLAT_GROUND = (0.87, 0.93), (0.66, 0.72), (0.47, 0.53)
-"""Theta of the gentlest ground, which with delta 40 changes by at most 0.8 m within 2.33 m."""
+"""Bounds of theta for gentle ground, whose height (delta 40) changes by at most 0.8 m within 2.33 m."""
 
-FLAT_CEILING = (-0.15, -0.05), (0.9, 1.0), (0.1, 0.15)  # theta of a nearly flat ceiling
-EASY_THETA = (-0.25, -0.05), (0.8, 1.0), (0.0, 0.2)  # theta in Parkour's easy space (paper, appendix C)
+FLAT_CEILING = (-0.15, -0.05), (0.9, 1.0), (0.1, 0.15)  # bounds of theta for a nearly flat ceiling
+EASY_THETA = (-0.25, -0.05), (0.8, 1.0), (0.0, 0.2)  # bounds of theta in Parkour's easy space (appendix C)
 
 CHALLENGES: tuple[Challenge, ...] = (
     _stump_tracks("original", "Original task space"),

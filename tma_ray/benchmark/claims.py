@@ -113,7 +113,7 @@ class Claim:
 
     @property
     def threshold(self) -> str:
-        """Description of where the number of statements that must hold comes from."""
+        """Phrase on the source of `needed`: the paper's claim or our reading of it."""
         return "needed by our reading" if self.ours else "claimed"
 
 
@@ -132,7 +132,7 @@ def _against_random(
     levels: Iterable[KnowledgeLevel],
     challenges: Iterable[str] = FIVE_CHALLENGES,
 ) -> tuple[Compared, ...]:
-    """Return comparisons of `teacher` with Random on each of `challenges` at each of `levels`."""
+    """Return comparisons of `teacher` with Random, one per level and challenge."""
     challenges = tuple(challenges)
     return tuple(
         Compared(Reading(teacher, challenge, level), relation, Reading("random", challenge, level))
@@ -152,7 +152,7 @@ def _in_parkour(teacher: str, relation: Relation, other: str = "random", share: 
 
 
 def _top(teacher: str, count: int, share: float = 1.0) -> tuple[Ranked, ...]:
-    """Return one statement per challenge that `teacher` is among the best at high knowledge."""
+    """Return statements, one per challenge, that `teacher` is among the `count` best at high knowledge."""
     return tuple(
         Ranked(Reading(teacher, challenge, HIGH, share=share), count) for challenge in FIVE_CHALLENGES
     )

@@ -43,7 +43,7 @@ class Size:
         seeds: number of seeds per combination.
         points: number of points of a grid of hyper-parameters.
         steps: budget of a run by environment, in environment steps.
-        excluded_bodies: reason for the exclusion of each excluded body, as a sentence.
+        excluded_bodies: reasons for excluding bodies, as sentences, by body.
         evaluation_interval: interval between evaluations, in environment steps.
         probe_interval: interval between probes of the curriculum, in environment steps.
         training_window: length of the windows of training statistics, in environment steps.
@@ -105,18 +105,18 @@ Tracks and from 4 million in Parkour."""
 
 
 LITE_TEACHERS = ("random", *sorted(TEACHER_GRIDS), "goal_gan:preset=release", "spdl:preset=release")
-"""The paper's teachers, and two of them with decisive values of the original release's launch files."""
+"""The paper's teachers, and variants of two with values from the original release's launch files."""
 
 LITE_STEPS = 2_000_000  # budget of a release's runs, a tenth of the paper's
 
 SCALED_TEACHERS = ("plr", "robust_plr", "accel", "sfl", "doraemon")
-"""Teachers published after the paper, with buffers, waits and intervals that can follow the budget."""
+"""Teachers published after the paper whose buffers, waits and intervals can be scaled to the budget."""
 
 OTHER_LATER_TEACHERS = ("currot", "sobol", f"ramp:steps={LITE_STEPS // 2}")
 """One more teacher published after the paper, and two references; the ramp takes half the budget."""
 
 LATER_CHALLENGES = ("original", "mostly_unfeasible", "rugged_difficulty")
-"""Challenges of later teachers' first runs, also with their authors' settings."""
+"""Challenges for the first runs of later teachers, and for runs with their authors' settings."""
 
 
 def _lite(matrix: Matrix, seeds: int, *levels: KnowledgeLevel) -> Matrix:
@@ -221,7 +221,7 @@ TEACHERS = ("random", *sorted(TEACHER_GRIDS))  # the teachers compared in the pa
 
 @dataclass(frozen=True)
 class Experiment:
-    """Experiment that has its own script.
+    """Experiment of the benchmark, with its own script.
 
     Attributes:
         name: name of the experiment, its script and its campaign.
@@ -244,7 +244,7 @@ class Experiment:
     size: Size = field(default_factory=Size)
 
     def size_at(self, tier: Tier) -> Size:
-        """Return the size of the experiment at `tier`; at the largest, it is the experiment's own."""
+        """Return the size of the experiment at `tier`; the largest tier uses the experiment's own."""
         return self.size if tier is Tier.PAPER else SIZES[tier]
 
     def stage(self, name: str | None) -> tuple[Matrix, ...]:

@@ -136,7 +136,7 @@ are ours."""
 
 @dataclass(frozen=True)
 class Matrix:
-    """All combinations of body, student, level and hyper-parameters on one challenge, each with all seeds.
+    """Matrix of all combinations of body, student, level, hyper-parameters and seed on one challenge.
 
     Teachers skip levels with too little knowledge. Results pool bodies, students and seeds, also of other
     matrices on the same challenge.
@@ -176,14 +176,14 @@ class Matrix:
         return self if self.teachers else replace(self, teachers=tuple(teachers))
 
     def points(self) -> tuple[tuple[dict[str, Any], dict[str, Any]], ...]:
-        """Return the hyper-parameters of teacher and student at each point, or empty ones without grids."""
+        """Return all points of the grids, as hyper-parameters of teacher and student ({} without a grid)."""
         teachers = self.teacher_grid.points(self.most_points) if self.teacher_grid else ({},)
         students = self.student_grid.points(self.most_points) if self.student_grid else ({},)
         return tuple(itertools.product(teachers, students))
 
 
 def _parkour(locomotion: str, embodiment: str, first_seed: int) -> Matrix:
-    """Return the Parkour experiment of one body, which has its own 16 seeds."""
+    """Return the Parkour matrix of one body, with 16 seeds of its own."""
     return Matrix(
         name=f"parkour_{locomotion}",
         environment="parkour",

@@ -62,7 +62,7 @@ def paper_results() -> tuple[PaperResult, ...]:
 
 
 class Requirement(StrEnum):
-    """How a teacher uses a piece of expert knowledge."""
+    """Use of a piece of expert knowledge by a teacher."""
 
     REQUIRED = "required"
     OPTIONAL = "optional"
@@ -71,7 +71,7 @@ class Requirement(StrEnum):
 
 @dataclass(frozen=True)
 class KnowledgeRequirements:
-    """How a teacher uses each piece of `tma_ray.tasks.ExpertKnowledge`.
+    """Use of the pieces of `tma_ray.tasks.ExpertKnowledge` by a teacher.
 
     Distributions exist at every level (the initial one is random without expert knowledge), but teachers that
     require the mastery range cannot run below level low.
@@ -99,4 +99,4 @@ KNOWLEDGE_REQUIREMENTS: Mapping[str, KnowledgeRequirements] = {
     "setter_solver": KnowledgeRequirements(IGNORED, OPTIONAL, REQUIRED),
     "spdl": KnowledgeRequirements(REQUIRED, REQUIRED, IGNORED),
 }
-"""Requirements by name of the teacher (paper, section 3; Random is added)."""
+"""Requirements by teacher (paper, section 3; Random is added)."""

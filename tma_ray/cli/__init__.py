@@ -16,8 +16,8 @@ from tma_ray.console.exit_codes import RefusedError
 from tma_ray.support.lazy_imports import docstring_of
 
 GARBAGE_OBJECTS: Final = 200_000
-"""Threshold of garbage collection, instead of 700: commands keep what they read of thousands of runs, and
-scanning it repeatedly takes a tenth of the time."""
+"""Threshold of garbage collection, instead of 700: commands keep the data of thousands of runs, and scanning
+them repeatedly would take a tenth of the time."""
 
 COMMANDS: Mapping[str, str] = {
     "run": "run:run",
@@ -68,7 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def app() -> App:
-    """Return the command line, which imports a command when the command or its help is used."""
+    """Return the command-line app, which imports commands on use."""
     root = command_line.group(
         "tma-ray",
         "Compare automatic curriculum learning teachers of deep RL students.",

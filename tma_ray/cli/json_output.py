@@ -87,7 +87,7 @@ def print_json(command: str, record: Mapping[str, Any]) -> None:
 
 
 def json_value(value: Any) -> Any:
-    """Return `value` for JSON, with None for NaN and infinities, and with Python's numbers for numpy's."""
+    """Convert `value` for JSON, with None for NaN and infinities, and Python numbers for numpy's."""
     if isinstance(value, Mapping):
         return {str(key): json_value(item) for key, item in value.items()}
     if isinstance(value, Enum):

@@ -1,4 +1,4 @@
-"""Curriculum that a teacher provides for any training loop."""
+"""Curriculum of a teacher for any training loop."""
 
 import copy
 import os
@@ -52,7 +52,7 @@ def needs_of(teacher: type[Teacher]) -> list[str]:
 
 
 def teacher_needs() -> pd.DataFrame:
-    """Return what each teacher requires of a training loop.
+    """Return a table of the teachers' requirements on training loops.
 
     Returns:
         Columns ``teacher``, ``needs`` (arguments of `Curriculum`), ``expert_knowledge`` (the lowest level)
@@ -67,14 +67,15 @@ def teacher_needs() -> pd.DataFrame:
 
 
 class Curriculum:
-    """Curriculum that a teacher provides for any training loop.
+    """Curriculum of a teacher for any training loop.
 
-    Wrap the loop's environments: each `reset` takes the teacher's next task, and each end of an episode, by
-    truncation, too, is reported to the teacher. Episodes from which the student must not learn (those of
-    robust PLR, ACCEL and TRACED) are played by the wrapper with `act` or, with `marks_withheld`, by the loop.
+    Wrap the loop's environments: `reset` takes the teacher's next task, and every end of an episode, by
+    termination or truncation, is reported to the teacher. Episodes from which the student must not learn
+    (those of robust PLR, ACCEL and TRACED) are played by the wrapper with `act` or, with `marks_withheld`, by
+    the loop.
     `teacher_needs` lists the arguments that each teacher requires.
 
-    A pickle or a copy is a handle of the same curriculum, as `shared` returns it.
+    Pickles and copies are handles of the same curriculum; see `shared`.
 
     Args:
         teacher: name with settings ("alp_gmm:fit_every=100", "file:Class"), a class, or a teacher that has
@@ -142,7 +143,7 @@ class Curriculum:
         )
         self._teacher.start(self.space, knowledge, teaching)
         self._checked = CheckedTeacher(self._teacher, self._name)
-        # assignments under way, with the attributes that the teacher's `sample` set for each
+        # assignments of running episodes, with the attributes set by the teacher's `sample`
         self._open: dict[int, tuple[Assignment, dict[str, Any]]] = {}
         self._assigned = 0
         self._rows: list[EpisodeRow] = []
@@ -213,7 +214,7 @@ class Curriculum:
         return SharedCurriculum(self._server.address, self._server.key, *settings)
 
     def begin(self) -> Assignment:
-        """Return the task of the next episode, for loops without a wrapper.
+        """Start the next episode and return its assignment, for loops without a wrapper.
 
         Raises:
             ValueError: if an episode is under way, and the teacher does not support overlapping ones.
@@ -274,9 +275,9 @@ class Curriculum:
             return self._checked.probe(count)
 
     def save(self, folder: str | Path) -> None:
-        """Write the curriculum, except episodes under way, with its record as a results root.
+        """Save the curriculum, without running episodes, and its record as a results root.
 
-        A curriculum saved in the folder before is replaced.
+        A curriculum saved earlier in the folder is replaced.
 
         Raises:
             FileExistsError: if the folder has other contents.

@@ -40,7 +40,7 @@ class PlayedEpisode:
 
 
 class Link(Protocol):
-    """Connection of a world to its curriculum, in this process or another."""
+    """Connection of an environment to its curriculum, which may be in another process."""
 
     space: TaskSpace
     gamma: float
@@ -48,10 +48,10 @@ class Link(Protocol):
     marks_withheld: bool
 
     def begin(self) -> Assignment:
-        """Return the task of the next episode."""
+        """Start the next episode and return its assignment."""
 
     def end(self, played: PlayedEpisode) -> None:
-        """Report an episode."""
+        """Report a finished episode."""
 
     def abandon(self, number: int) -> None:
         """Discard an episode without a report."""
@@ -62,7 +62,7 @@ class Link(Protocol):
 
 @dataclass
 class EpisodeUnderWay:
-    """Totals of an episode under way, and its trajectory if needed.
+    """Totals of a running episode, and its trajectory if needed.
 
     Args:
         assignment: assignment of the episode.
@@ -87,7 +87,7 @@ class EpisodeUnderWay:
         return self._so_far.episodic_return
 
     def add(self, action: Any, reward: float, observation: Array, terminated: bool) -> None:
-        """Count a step."""
+        """Add a step."""
         self._so_far.add(reward)
         self._discounted_return += self._discount * reward
         self._discount *= self.gamma
@@ -125,7 +125,7 @@ def reset_to(
 def next_assignment(
     environment: Environment, link: Link, apply: Apply | None, seed: int | None = None
 ) -> tuple[Assignment, int | None]:
-    """Return the training loop's next assignment, after playing those from which nothing is learned.
+    """Return the next assignment for the training loop, after playing any episodes without learning.
 
     Returns:
         Assignment, and the `seed` of the next `reset` if no episode has used it.
@@ -171,7 +171,7 @@ class TaskEvaluation:
         self._seed: int | None = seed
 
     def __call__(self, tasks: Task, greedy: bool) -> Outcomes:  # noqa: ARG002 - there is one policy
-        """Return the outcomes of one episode of each of `tasks` (n, d)."""
+        """Play one episode of each task (n, d), and return the outcomes."""
         returns: NDArray[np.float64] = np.zeros(len(tasks))
         lengths = np.zeros(len(tasks), np.int64)
         for row, task in enumerate(tasks):

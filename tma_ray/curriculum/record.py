@@ -14,7 +14,7 @@ from tma_ray.support.component_names import base_name
 from tma_ray.tasks import Episode, Task, TaskSpace
 from tma_ray.teachers import Teacher, hyperparameters_of
 
-EXTERNAL = "external"  # stands for the environment, body, student, test set and engine of a curriculum's run
+EXTERNAL = "external"  # name of environment, body, student, test set and engine in a record
 PROBE_SIZE = 100  # number of tasks in the final probe
 
 
@@ -51,7 +51,7 @@ class Recorded(Protocol):
 
 
 def write_record(folder: Path, curriculum: Recorded, state_file: str, state: bytes) -> None:
-    """Write the record and the state of a curriculum, replacing any saved in `folder` before.
+    """Write the record and the state of a curriculum to `folder`, replacing an earlier one.
 
     Raises:
         FileExistsError: if the folder has other contents.

@@ -16,7 +16,7 @@ BACKLOG = 256  # number of processes that may connect at the same time
 
 
 class CurriculumServer:
-    """Server for the handles in other processes, with one thread per process.
+    """Server of a curriculum for handles in other processes, with one thread per process.
 
     Episodes of a process that dies are abandoned. `host` is the name or address of this machine for other
     machines, None for a local socket.
@@ -64,8 +64,8 @@ class CurriculumServer:
 class SharedCurriculum:
     """Handle of a curriculum for use in other processes, pickled or forked.
 
-    It connects on first use to the process with the curriculum, which must be alive. `Curriculum.shared`
-    makes it.
+    Created by `Curriculum.shared`. It connects on first use to the process of the curriculum, which must be
+    alive.
     """
 
     def __init__(
@@ -87,12 +87,12 @@ class SharedCurriculum:
         return CurriculumEnvironment(environment, self, apply)
 
     def begin(self) -> Assignment:
-        """Return the task of the next episode."""
+        """Start the next episode and return its assignment."""
         assignment: Assignment = self._call("begin")
         return assignment
 
     def end(self, played: PlayedEpisode) -> None:
-        """Report an episode."""
+        """Report a finished episode."""
         self._call("end", played)
 
     def abandon(self, number: int) -> None:

@@ -46,7 +46,7 @@ KEYS: Final = {Table.ATTEMPTS: (RUN_ID, "attempt"), Table.CELLS: (RUN_ID,)}
 """Key columns of tables about runs."""
 
 _THREADS: Final = 16  # may exceed the number of cores, since threads mostly wait for disks or object stores
-_SETTLED_NS: Final = 5_000_000_000  # age of a file from which on a rewrite changes its modification time, ns
+_SETTLED_NS: Final = 5_000_000_000  # age after which a rewrite of a file changes its time, ns
 _SMALL_ROWS: Final = 20_000  # a file with fewer rows is decoded faster than passed to a thread
 
 
@@ -241,7 +241,7 @@ class Results:
             self.problems.append(problem)
 
     def _threads(self, rows: Iterable[int] = ()) -> int:
-        """Return the number of threads to read files with, given their numbers of rows; 1 if small and local."""
+        """Return the number of threads to read files with `rows` rows; 1 for small local files."""
         return _THREADS if self.store.is_object_store or max(rows, default=0) > _SMALL_ROWS else 1
 
     def _map(

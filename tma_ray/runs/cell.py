@@ -1,4 +1,4 @@
-"""Cells of an experiment, and the effective spec of a cell with a seed."""
+"""Cells of an experiment, and the specs of their runs."""
 
 import inspect
 import math
@@ -33,7 +33,7 @@ BOUNDS_SEPARATOR = ".."  # separates a dimension's low and high bound in the nam
 Bounds = Mapping[str, Sequence[float]]  # low and high bounds by dimension
 
 _ELSEWHERE = {"embodiment": "--embodiment or Cell.embodiment", "render_mode": "no run; runs draw nothing"}
-"""Constructor parameters of environments that are not options of a cell, and their source."""
+"""Constructor parameters of environments that are no options of a cell, and where to set them."""
 
 
 def environment_settings(name: str, options: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
@@ -62,7 +62,7 @@ def environment_settings(name: str, options: Mapping[str, Any]) -> tuple[str, di
 
 
 def check_body(environment: str, embodiment: str) -> None:
-    """Check that a body is given if and only if the environment takes one, so that results name the body.
+    """Check that a body is given if and only if the environment takes one.
 
     Raises:
         UnknownNameError: if the environment is unknown.
@@ -84,7 +84,7 @@ def check_body(environment: str, embodiment: str) -> None:
 
 
 def challenge_bounds(name: str, space: Bounds) -> tuple[str, dict[str, tuple[float, float]]]:
-    """Return the name of a challenge without its bounds, and all of its bounds.
+    """Return the name of a challenge without bounds, and the bounds in its name and in `space`.
 
     Args:
         name: name of a challenge, optionally with bounds, as in ``original:stump_height=0..0.3``.
@@ -127,7 +127,7 @@ def bounded(space: TaskSpace, bounds: Bounds) -> TaskSpace:
 
 
 def canonical_challenge(name: str, space: TaskSpace, chosen: TaskSpace) -> str:
-    """Return the name of a challenge with those `chosen` bounds that differ from its task space."""
+    """Return the name of a challenge with the bounds of `chosen` that differ from its task space."""
     pairs = zip(space.dimensions, chosen.dimensions, strict=True)
     differing = {
         new.name: f"{text_of(float(new.low))}{BOUNDS_SEPARATOR}{text_of(float(new.high))}"
@@ -241,9 +241,9 @@ def effective_spec(cell: Cell, seed: int, schedule: Schedule, *, independent_lev
 
 
 def _world(cell: Cell, options: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
-    """Return the body's canonical name, and the spec's fields that the challenge and environment determine.
+    """Return the body's canonical name, and the fields of the spec set by challenge and environment.
 
-    Resets are shares of the budget.
+    Resets are given as shares of the budget.
     """
     check_body(cell.environment, cell.embodiment)
     environment = make_environment(cell.environment, **options)

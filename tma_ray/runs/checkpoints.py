@@ -1,4 +1,4 @@
-"""Checkpoints of runs, which are atomic, checksummed, incremental and uniquely named, and saved policies."""
+"""Atomic, checksummed and incremental checkpoints of runs, and saved policies."""
 
 import hashlib
 import json
@@ -64,7 +64,7 @@ class Checkpoint:
         fingerprint: fingerprint of the machine that wrote it.
         parts: result rows that belong to the run so far.
         files: state files by their path in a saved run.
-        name: name of its folder, which its index does not hold.
+        name: name of its folder, not stored in the index.
     """
 
     step: Natural
@@ -89,10 +89,10 @@ class Checkpoint:
 
     @classmethod
     def from_bytes(cls, name: str, data: bytes) -> "Checkpoint":
-        """Return the checkpoint that an index file describes.
+        """Return the checkpoint described by an index file.
 
         Raises:
-            DamagedFileError: if it is not one.
+            DamagedFileError: if the index is invalid.
         """
         return replace(decode_json(data, cls, f"the index of checkpoint {name}"), name=name)
 
@@ -102,8 +102,8 @@ class Checkpoints:
 
     The index of a checkpoint is written last and makes it valid. Files unchanged since the previous
     checkpoint, such as full segments of a replay buffer, are referenced and not written again. Names contain
-    the attempt, and an attempt deletes nothing of later ones, so that a revived one does no harm. Checkpoints
-    contain pickles: load only those of a trusted results root.
+    the attempt, and attempts delete nothing of later ones: a stale attempt that goes on does no harm.
+    Checkpoints contain pickles: load only those of a trusted results root.
     """
 
     def __init__(self, store: Store, run_id: str, attempt: int) -> None:
@@ -114,7 +114,7 @@ class Checkpoints:
         self._intact = False  # True if `_latest` is the state that the run last saved or loaded
 
     def save(self, run: Run, parts: Sequence[PartFile], fingerprint: str) -> int:
-        """Write a checkpoint of `run`, keep only one older one, and return the number of bytes written."""
+        """Write a checkpoint of `run`, delete all but one older one, and return the bytes written."""
         step = run.progress.step
         name = f"{step:012d}-attempt-{self._attempt:03d}"
         incremental, self._intact = self._intact, False  # stays False until the index is written
@@ -135,7 +135,7 @@ class Checkpoints:
         return len(index) + sum(file.size for file in new.values())
 
     def restore(self, run: Run) -> Checkpoint | None:
-        """Load the newest intact checkpoint into a new `run`, and return it, or return None."""
+        """Load the newest intact checkpoint into a new `run`, and return it, or None without one."""
         indices = [path for path in self._store.files(self._folder) if path.endswith(f"/{INDEX}")]
         for path in reversed(indices):
             with tempfile.TemporaryDirectory() as folder:
@@ -153,7 +153,7 @@ class Checkpoints:
         self._store.delete(self._folder)
 
     def _tidy(self, kept: Sequence[Checkpoint]) -> None:
-        """Delete files that no kept checkpoint needs, indices first so that no partial one is valid."""
+        """Delete files that no kept checkpoint needs, indices first, since they make checkpoints valid."""
         needed = {f"{checkpoint.name}/{INDEX}" for checkpoint in kept}
         needed |= {file.path for checkpoint in kept for file in checkpoint.files.values()}
         folders: dict[str, list[str]] = {}
@@ -217,7 +217,7 @@ class SavedPolicy:
                 (folder / path.name).write_bytes(self.store.read_bytes(str(path)))
 
     def read(self, folder: Path, reader: Callable[[str, Path], ResultT]) -> ResultT:
-        """Return what `reader` returns for the student's name and a copy of the policy in `folder`."""
+        """Call `reader` with the student's name and a folder with a copy of the policy; return its result."""
         try:
             return reader(self.spec.student, folder)
         except PolicyFileError as error:  # the error names the copy instead of the original
@@ -278,7 +278,7 @@ def find_policy(name: str, results: str | Path) -> SavedPolicy:
 
 
 def results_of(saved: SavedPolicy, results: str | Path) -> Results | None:
-    """Return the results root that has the run of `saved` (its own root or `results`), or None."""
+    """Return the results with the run of a policy, from the policy's root or `results`, or None."""
     folder = Path(saved.store.where(saved.folder))
     in_root = not saved.store.is_object_store and folder.parent.name == POLICIES
     for path in [folder.parent.parent, results] if in_root else [results]:

@@ -23,7 +23,7 @@ Act = Callable[[NDArray[np.float32]], NDArray[np.float32]]  # maps observations 
 def played_episodes(
     worlds: LockStep, seeds: Sequence[int], tasks: Task, act: Act, most_steps: float = math.inf
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Play one episode of each task, all of them at the same time.
+    """Play one episode of each task, in parallel.
 
     Args:
         worlds: at least n worlds.
@@ -65,7 +65,7 @@ class Evaluation:
         self._worlds = lock_step(self._environments)
 
     def __call__(self, act: Act) -> list[dict[str, Any]]:
-        """Play an episode of each test task, and return rows of evaluations without run id and step."""
+        """Evaluate a policy on all test tasks; return rows of evaluations without run id and step."""
         episodic_returns, lengths = played_episodes(self._worlds, self._seeds, self.test_set.tasks, act)
         return [
             {
@@ -88,9 +88,9 @@ MAX_WORLDS = 64  # largest number of concurrent episodes of an evaluation
 
 
 class UntrainedEpisodes:
-    """Episodes that a teacher requests, with their own generator; the student does not learn from them.
+    """Episodes without learning that a teacher requests, with a random generator of their own.
 
-    Worlds and action noise are drawn anew for every evaluation; the generator is the only state.
+    Worlds and action noise are sampled anew for every evaluation; the generator is the only state.
     """
 
     def __init__(self, spec: RunSpec, seed: np.random.SeedSequence) -> None:
@@ -101,7 +101,7 @@ class UntrainedEpisodes:
 
     @property
     def state(self) -> dict[str, Any]:
-        """State of the generator; between two episodes there is no other state."""
+        """State of the random generator."""
         return dict(self._rng.bit_generator.state)
 
     @state.setter
@@ -123,7 +123,7 @@ class UntrainedEpisodes:
             budget: steps left of the run.
 
         Returns:
-            The outcomes, None if they exhaust the budget.
+            The outcomes, or None if they exhaust the budget.
         """
         act = student.act_greedily if greedy else partial(student.sample_actions, rng=self._rng)
         seeds = self._rng.integers(2**31, size=len(tasks)).tolist()

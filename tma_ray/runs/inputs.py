@@ -1,7 +1,7 @@
 """Plug-ins and input files of runs, captured when a run is planned and provided where it is executed.
 
 An option that names a file, such as an embodiment in a ``.toml`` or ``cppn_weights``, identifies it by its
-content and its name without the folder: an edited file makes another run, a moved one does not.
+content and its name without the folder: an edited file changes the run id, a moved one does not.
 """
 
 import hashlib
@@ -31,7 +31,7 @@ REGISTRIES: Mapping[str, Registry[Any]] = {
     "student": STUDENTS,
     "teacher": TEACHERS,
 }
-"""Components of a run that may be plug-ins."""
+"""Registries of the components of a run that may be plug-ins."""
 
 _importing = ContextVar("importing plug-ins", default=False)
 
@@ -66,7 +66,7 @@ def plugin_sources(specs: Iterable[RunSpec]) -> list[PluginSource]:
 
 
 def import_plugins(spec: RunSpec, *parts: str) -> None:
-    """Register, in this process, the plug-ins among these components of a run.
+    """Import and register the plug-ins among the components `parts` of a run.
 
     Raises:
         ValueError: if the source of a plug-in differs from the planned one.
@@ -165,18 +165,18 @@ def arguments(spec: RunSpec, part: str) -> dict[str, Any]:
 
 
 def new_environment(spec: RunSpec) -> gymnasium.Env[Any, Any]:
-    """Return a new environment for a run whose plug-ins are known in this process."""
+    """Return a new environment for a run whose plug-ins are registered in this process."""
     return make_environment(spec.environment, **arguments(spec, "environment"))
 
 
 def contents(specs: Iterable[RunSpec]) -> dict[str, bytes]:
-    """Return the contents of all inputs of `specs` held by this process, by SHA-256."""
+    """Return the contents of the input files of `specs` that are in memory, by SHA-256."""
     digests = {file.sha256 for spec in specs for file in spec.inputs.values()}
     return {sha256: _contents[sha256] for sha256 in sorted(digests) if sha256 in _contents}
 
 
 def provide(contents_by_digest: Mapping[str, bytes]) -> None:
-    """Add the contents of input files held by another process, by SHA-256."""
+    """Keep the contents of input files, by SHA-256, from another process in memory."""
     _contents.update(contents_by_digest)
 
 
@@ -190,7 +190,7 @@ def keep(store: Store, specs: Iterable[RunSpec]) -> None:
 
 
 def fetch(store: Store, spec: RunSpec) -> None:
-    """Read the inputs of a run from a results root.
+    """Read the input files of a run from a results root into memory.
 
     Raises:
         DamagedFileError: if one is damaged.
@@ -204,7 +204,7 @@ def fetch(store: Store, spec: RunSpec) -> None:
 
 
 def fetch_beside(folder: Path, spec: RunSpec) -> None:
-    """Read the inputs of a run from a folder that holds them by name, such as an export.
+    """Read the input files of a run, by name, from a folder such as an export.
 
     Raises:
         DamagedFileError: if one has another content.
@@ -219,7 +219,7 @@ def fetch_beside(folder: Path, spec: RunSpec) -> None:
 
 
 def write_inputs(spec: RunSpec, folder: Path) -> None:
-    """Write the inputs of a run into an existing folder, by name.
+    """Write the input files of a run into an existing folder, by name.
 
     Raises:
         ValueError: if the content of one is not known in this process.

@@ -1,4 +1,4 @@
-"""Placement, status and hardware fingerprint of runs, outside their specification."""
+"""Placement, status and hardware fingerprint of runs."""
 
 import json
 import os
@@ -24,7 +24,7 @@ LIBRARIES = ("numpy", "torch", "stable-baselines3", "gymnasium", "pymunk", "numb
 
 @dataclass(frozen=True)
 class Placement:
-    """Placement of a run; it does not affect what the run computes.
+    """Placement of a run, which does not affect its results.
 
     Attributes:
         device: torch's name of the device of the networks.
@@ -107,7 +107,7 @@ def is_available(device: str) -> bool:
 def fingerprint(threads: int, device: str, hardware: Mapping[str, Any] | None = None) -> str:
     """Return the CPU model, vector extensions, threads, device and library versions as JSON.
 
-    Vector extensions tell CPUs apart whose model a virtual machine hides, such as "AMD EPYC".
+    Vector extensions distinguish CPUs whose model a virtual machine hides, such as "AMD EPYC".
 
     Args:
         threads: torch's threads of the run.
@@ -133,7 +133,7 @@ def fingerprint(threads: int, device: str, hardware: Mapping[str, Any] | None = 
 
 
 def gpu(device: str) -> dict[str, str]:
-    """Return the fingerprint's entry for a GPU, or an empty one for other devices."""
+    """Return the entry for a GPU in a fingerprint, or {} for other devices."""
     if device.partition(":")[0] != "cuda" or not is_available(device):
         return {}
     import torch

@@ -1,4 +1,4 @@
-"""One training run, without Ray: a student trained by a teacher, one episode at a time."""
+"""Training of a student by a teacher, one episode at a time, without Ray."""
 
 import pickle
 from contextlib import suppress
@@ -38,8 +38,7 @@ class Progress:
         step: environment steps played.
         episodes: training episodes finished.
         evaluations: evaluations done.
-        window: (episodic return, length, success) of the current training window's episodes from which the
-            student learned.
+        window: (episodic return, length, success) of episodes with learning in the current training window.
         next_task: task of the next episode.
         record_next: True if the teacher needs that episode's trajectory.
         next_trains: True if the student learns from that episode.
@@ -104,10 +103,10 @@ class Run:
         return self.progress.step >= self.spec.schedule.steps
 
     def advance(self) -> Episode | None:
-        """Play one episode, with the evaluations, probes and resets due in it.
+        """Play one episode, with the evaluations, probes and resets due during it.
 
         Returns:
-            The episode, None if the budget ended it.
+            The episode, or None if the budget ended it.
 
         Raises:
             ValueError: if the student has diverged, a return is not finite, or a component refuses a value.
@@ -238,7 +237,7 @@ class Run:
         self._receive(self.teacher.exchange(episode), recorder)
 
     def _world_task(self, task: Task) -> Task:
-        """Return the world's task for a task of the teacher."""
+        """Return the environment's task for a task of the teacher, which differs in shuffled spaces."""
         return task if self._landscape is None else self._landscape.to_world(task)
 
     def _receive(self, reply: Reply, recorder: Recorder | None = None) -> None:
@@ -327,7 +326,7 @@ class Run:
 
 
 def teacher_log_row(step: int, episode: int, update: TeacherUpdate) -> dict[str, object]:
-    """Return the row for the teacher log of an update after `episode`, at `step`."""
+    """Return a teacher's update at a step and episode as a row of the teacher log."""
     return {
         "step": step,
         "episode": episode,

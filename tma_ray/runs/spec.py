@@ -1,4 +1,4 @@
-"""The specification of a run (all that determines its result, and nothing else) and its random streams."""
+"""Specification of a run, which determines its results, and the run's random streams."""
 
 import hashlib
 import json
@@ -20,7 +20,7 @@ from tma_ray.support.quantities import COUNT, SEED
 from tma_ray.tasks import Dimension, KnowledgeLevel, ShuffledSpace, TaskSpace, TestSet
 
 ABSENT_IF_EMPTY = ("resets", "cuts", "algorithm_versions", "inputs")
-"""Fields that a spec's JSON leaves out where they are empty: runs keep the ids that they had before."""
+"""Fields left out of a spec's JSON if empty, since new fields must not change existing run ids."""
 
 
 @dataclass(frozen=True)
@@ -49,11 +49,11 @@ class Schedule:
 
 @dataclass(frozen=True)
 class Plugin:
-    """A part of a run that does not ship with tma_ray.
+    """Component of a run that is not part of tma_ray.
 
     Attributes:
         module: module that defines it.
-        digest: hash of its source, so that an edited one makes another run.
+        digest: hash of its source, which is part of the run id.
     """
 
     module: str
@@ -62,10 +62,10 @@ class Plugin:
 
 @dataclass(frozen=True)
 class InputFile:
-    """A file that a run reads, identified by its name and content, not by its folder.
+    """Input file of a run, identified by its name and content, not by its folder.
 
     Attributes:
-        name: name without the folder, under which results show it.
+        name: name without the folder, as shown in results.
         sha256: digest of its bytes, hexadecimal.
     """
 
@@ -80,37 +80,36 @@ class InputFile:
 
 @dataclass(frozen=True, eq=False)
 class RunSpec:
-    """The effective spec and seed of one run; equal specs give equal results, bit for bit.
+    """Effective spec and seed of a run; equal specs give bit-identical results.
 
-    It holds no placement and no campaign name. Knowledge that the teacher does not use is dropped
-    beforehand (`expert_knowledge` is the level that makes a difference to it), so that cells which
-    would repeat a run share it.
+    Placement and campaign are not part of it. Knowledge that the teacher does not use is dropped beforehand
+    (`expert_knowledge` is the level that it uses), so cells with the same effective spec share a run.
 
     Attributes:
         environment: name in the environment registry, with the options that differ from its defaults.
         environment_options: keyword arguments of its constructor, the embodiment among them.
-        challenge: name of the challenge, with the bounds that differ from its task space; with the seed it
-            places what is random for all teachers alike.
+        challenge: name of the challenge, with the bounds that differ from its task space; it and the seed
+            determine the random parts that all teachers share.
         task_space: space of the teacher's tasks.
-        easy_task: task of the world that is the initial mean at high expert knowledge (d,).
+        easy_task: task of the environment, mean of the initial distribution at high expert knowledge (d,).
         mastery_threshold: episodic return over which a task is mastered.
-        test_set: the evaluation tasks.
+        test_set: tasks of evaluations.
         student: name in the student registry, with the hyper-parameters that differ from its defaults.
-        student_hyperparameters: all of them, defaults included.
+        student_hyperparameters: all values, including defaults.
         teacher: name in the teacher registry, with the hyper-parameters that differ from its defaults.
-        teacher_hyperparameters: all of them, defaults included.
+        teacher_hyperparameters: all values, including defaults.
         expert_knowledge: effective level.
         schedule: budget and intervals.
         seed: any whole number of at least 0.
         repeat: mixed into the seeds, for independent repeats of cells that would share a run.
         physics_version: version of the physics the run is simulated with.
         plugins: parts among "environment", "student" and "teacher" that do not ship with tma_ray.
-        resets: steps after which the student forgets everything, in rising order.
-        cuts: intervals per dimension that change places in the teacher's space, 0 if it is the world's.
-        algorithm_versions: versions that "environment", "student" and "teacher" declare; a part is missing
-            that was run before there were versions, or is a plug-in without one.
-        inputs: the files that the run reads, by the option that names them, as in
-            "environment.embodiment"; that option holds the file's name alone.
+        resets: steps after which the student is reset, ascending.
+        cuts: intervals per dimension that change places in the teacher's space, 0 if it is not shuffled.
+        algorithm_versions: declared versions of "environment", "student" and "teacher"; missing in runs from
+            before there were versions, and for plug-ins without one.
+        inputs: input files by the option that names them, as in "environment.embodiment"; the option holds
+            only the file's name.
     """
 
     environment: str
@@ -153,7 +152,7 @@ class RunSpec:
         """Id used in file names: a readable prefix and a hash of the whole spec.
 
         Raises:
-            ValueError: the names of student and teacher make it too long for a file name.
+            ValueError: if the names of student and teacher make it too long for a file name.
         """
         parts = f"{base_name(self.student)}-{base_name(self.teacher)}"
         readable = re.sub(r"[^0-9a-zA-Z]+", "_", parts).strip("_")
@@ -170,8 +169,8 @@ class RunSpec:
     def entropy(self) -> int:
         """Seed of the run's random streams: a hash of everything on which training depends.
 
-        Budget, intervals and test set do not enter, so that a shorter run is a prefix of a longer one.
-        Nor do resets, which follow from the budget: up to its first reset a run is one without.
+        Budget, intervals and test set are excluded, so that a shorter run is a prefix of a longer one.
+        So are resets, which depend on the budget: until its first reset, a run equals one without resets.
         """
         content = self.to_dict()
         for name in ("schedule", "test_set", "resets"):
@@ -197,7 +196,7 @@ class RunSpec:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the spec as JSON values, leaving out the fields `ABSENT_IF_EMPTY` that are empty."""
+        """Return the spec as JSON values, without empty fields of `ABSENT_IF_EMPTY`."""
         content = {name: value for name, value in vars(self).items() if name in self.__dataclass_fields__}
         content["task_space"] = [asdict(dimension) for dimension in self.task_space.dimensions]
         content["test_set"] = {
@@ -219,10 +218,10 @@ class RunSpec:
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Self:
-        """Return the spec from a dictionary that `to_dict` has returned.
+        """Return the spec from a dictionary returned by `to_dict`.
 
         Raises:
-            ValueError: it is that of an imported run, which another engine simulated.
+            ValueError: if the run was imported from another engine.
         """
         if "engine" in content:
             raise ValueError(
@@ -246,15 +245,15 @@ class RunSpec:
 
     @classmethod
     def from_json(cls, text: str | bytes, where: str) -> Self:
-        """Return the spec whose `to_dict` is the JSON in `text`.
+        """Return the spec from the JSON of a dictionary returned by `to_dict`.
 
         Args:
             text: JSON.
             where: name of the file, for messages.
 
         Raises:
-            DamagedFileError: it is not a spec; the message names the file and, where known, the field.
-            ValueError: it is that of an imported run, which another engine simulated.
+            DamagedFileError: if it is not a spec; the message names the file and, where known, the field.
+            ValueError: if the run was imported from another engine.
         """
         facts = decode_json(text, SpecView, where)
         content = decode_json(text, dict[str, Any], where)
@@ -271,7 +270,7 @@ def _digest(content: Mapping[str, Any]) -> str:
 
 
 def _canonical(content: Mapping[str, Any]) -> str:
-    """Return the JSON that is hashed and stored, without infinities and NaN."""
+    """Return the canonical JSON of a spec for hashing and storage, refusing infinities and NaN."""
     try:
         return json.dumps(content, sort_keys=True, allow_nan=False)
     except ValueError as error:
@@ -296,7 +295,7 @@ class Streams:
 
 
 def placement_generator(spec: RunSpec) -> np.random.Generator:
-    """Return the generator for the challenge's random parts; all teachers of a seed get the same one."""
+    """Return the generator for the challenge's random parts, which is the same for all teachers."""
     words = [_hash(f"{spec.environment}/{spec.challenge}/{spec.repeat}"), spec.seed]
     return np.random.default_rng(np.random.SeedSequence(words))
 
@@ -310,7 +309,7 @@ def task_space_shuffle(spec: RunSpec, placement: np.random.Generator) -> Shuffle
 
 
 def evaluation_seeds(test_set: TestSet) -> list[int]:
-    """Return the seed of each test task's world, which is the same in every evaluation of every run."""
+    """Return the seeds of the test tasks' worlds, which are the same in all evaluations of all runs."""
     sequences = (np.random.SeedSequence([_hash(test_set.digest), index]) for index in range(len(test_set)))
     return [int(sequence.generate_state(1)[0] >> 1) for sequence in sequences]
 

@@ -1,4 +1,4 @@
-"""The teacher's side of a run, in the same process or another, with one message per episode each way."""
+"""Link between a run and its teacher, which may be in another process."""
 
 import copy
 import pickle
@@ -43,13 +43,13 @@ class Reply:
 
 
 class TeacherLink(Protocol):
-    """Interface between a run and its teacher, in this process or another."""
+    """Interface between a run and its teacher, which may be in another process."""
 
     def exchange(self, episode: Episode | None) -> Reply:
         """Report a finished episode (None before the first) and return the teacher's reply."""
 
     def answer(self, answer: Answer) -> Reply:
-        """Answer the query of the last reply."""
+        """Pass the answer to the last query to the teacher, and return its next reply."""
 
     def probe(self, count: int) -> Task:
         """Return tasks (count, d) without exploration or side effects."""
@@ -83,17 +83,17 @@ class CheckedTeacher:
         self._teacher, self._name = teacher, name
 
     def propose(self) -> Proposal:
-        """Return the next task."""
+        """Return the teacher's next proposal."""
         proposal = self._teacher.propose()
         self._check(proposal.task, (self._teacher.space.size,))
         return proposal
 
     def observe(self, episode: Episode) -> Query | None:
-        """Report a finished episode."""
+        """Report a finished episode, and return the teacher's query, if any."""
         return self._checked(self._teacher.observe(episode))
 
     def answer(self, answer: Answer) -> Query | None:
-        """Answer the last query."""
+        """Pass the answer to the last query to the teacher, and return its next query, if any."""
         return self._checked(self._teacher.answer(answer))
 
     def probe(self, count: int) -> Task:
@@ -159,7 +159,7 @@ class InlineTeacher:
         return self._reply(query)
 
     def answer(self, answer: Answer) -> Reply:
-        """Answer the query of the last reply."""
+        """Pass the answer to the last query to the teacher, and return its next reply."""
         return self._reply(self._checked.answer(answer))
 
     def probe(self, count: int) -> Task:
