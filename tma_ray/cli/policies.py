@@ -1,4 +1,4 @@
-"""`export`, `render` and `play`."""
+"""Commands `export`, `render` and `play`."""
 
 from typing import Annotated
 

@@ -1,4 +1,4 @@
-"""`release` and `baselines`."""
+"""Commands `release` and `baselines`."""
 
 from pathlib import Path
 from tempfile import TemporaryDirectory

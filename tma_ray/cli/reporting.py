@@ -1,4 +1,4 @@
-"""`report`, `leaderboard`, `ranking`, `claims`, `search`, `tables`, `figures`, `compare` and trackers."""
+"""Commands that report on results: pages, tables, figures, rankings, and exports to trackers."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def report(
 
 
 def changes(sources: Sequence[str | Path], seconds: float = POLL_SECONDS) -> Iterator[None]:
-    """Yield, forever, each time runs in results roots have published new results.
+    """Yield whenever runs in results roots have published new results, without end.
 
     Args:
         sources: results roots, or baselines, which do not change.
@@ -89,7 +89,7 @@ def changes(sources: Sequence[str | Path], seconds: float = POLL_SECONDS) -> Ite
 
 
 def _videos(sources: Sequence[str | Path], folder: Path) -> Iterator[Video]:
-    """Render the report's videos, with a warning for each one that cannot be rendered."""
+    """Render the videos of a report, and print warnings on videos that cannot be rendered."""
     from importlib.util import find_spec
 
     from analysis.baselines.catalogue import read

@@ -1,4 +1,4 @@
-"""`run`, `campaign`, `plan`, `experiment`, `quickstart`, `rerun`, `stop` and `simulate`."""
+"""Commands that execute runs: `run`, `campaign`, `experiment` and others."""
 
 import sys
 import time

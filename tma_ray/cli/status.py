@@ -1,4 +1,4 @@
-"""`status`, `logs`, `list`, `verify`, `compact`, `doctor` and `completion`."""
+"""Commands `status`, `logs`, `list`, `verify`, `compact`, `doctor` and `completion`."""
 
 import os
 import platform

@@ -1,4 +1,4 @@
-"""`trial`: test of a new teacher against a release, by a design fixed beforehand."""
+"""Command `trial`: test of a new teacher against a release, with a design fixed beforehand."""
 
 from __future__ import annotations
 
@@ -133,8 +133,8 @@ class _Trial:
         design: fixed design of the trial.
         released: runs to compare with.
         frames: frames of the release.
-        looks: looks so far.
-        affordable: index of the last look within the budget; None for all.
+        looks: interim looks so far.
+        affordable: index of the last interim look within the budget; None for all.
     """
 
     store: Store
@@ -145,7 +145,7 @@ class _Trial:
     affordable: int | None = None
 
     def judge(self) -> bool:
-        """Print and write the verdicts of new looks, and return True if the trial ends."""
+        """Print and write the verdicts of new interim looks, and return True if the trial ends."""
         from analysis.data.loading import frames_of
         from analysis.pages.page import page_folder
         from analysis.pages.trial import write_trial

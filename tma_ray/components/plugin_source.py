@@ -1,4 +1,4 @@
-"""Source files of plug-ins and of the user's modules that they import, with a hash of them all."""
+"""Source files of plug-ins and of the user's modules that they import, and their common hash."""
 
 import ast
 import hashlib
@@ -17,7 +17,7 @@ OURS = "tma_ray"  # distribution installed on every machine of a campaign
 PACKAGES = frozenset({OURS, "analysis"})  # top-level packages of this distribution
 
 MAIN_GUARDS = ("__name__ == '__main__'", "'__main__' == __name__")
-"""Guards of script code, as `ast.unparse` writes them."""
+"""Conditions of blocks that run only in scripts, as written by `ast.unparse`."""
 
 OUR_FOLDER = Path(__file__).resolve().parents[2]
 """Folder of `PACKAGES`. Packages of the same names elsewhere belong to the user."""
@@ -27,7 +27,7 @@ INSTALLED = frozenset({"site-packages", "dist-packages"})  # names of folders th
 
 @dataclass(frozen=True)
 class PluginSource:
-    """Source code of a plug-in at the time when it was looked up.
+    """Source code of a plug-in at its first lookup.
 
     It has the module, its parent packages and, recursively, the modules that they import anywhere, except
     installed ones, Python's and `PACKAGES`. Code under ``if __name__ == "__main__":`` is excluded, so that a
@@ -55,7 +55,7 @@ class PluginSource:
 
     @classmethod
     def of(cls, module: str, data_files: Iterable[str] = ()) -> "PluginSource":
-        """Return the source of the module named `module`, with files in its folder that match patterns.
+        """Return the source of a module, with the files in its folder that match patterns.
 
         Raises:
             ValueError: if the module has no file, or a pattern matches none.
@@ -158,12 +158,12 @@ def _is_installed(folder: Path) -> bool:
 
 
 def _imports(code: bytes, package: str) -> Iterator[str]:
-    """Yield the names, including attributes, that the `code` of a module in `package` imports."""
+    """Yield the dotted names that the `code` of a module in `package` imports."""
     for node in ast.walk(ast.parse(_imported_part(code))):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
-            above = package.split(".")[: 1 - node.level or None] if node.level else []  # . is `package`
+            above = package.split(".")[: 1 - node.level or None] if node.level else []  # one dot is `package`
             base = ".".join([*above, *([node.module] if node.module else [])])
             yield from (f"{base}.{alias.name}" for alias in node.names)
 

@@ -24,11 +24,11 @@ C = TypeVar("C")
 
 
 class UnknownNameError(ValueError):
-    """An unknown name; the message suggests the nearest match."""
+    """Error for an unknown name; the message suggests the nearest match."""
 
 
 class PluginImportError(ValueError):
-    """A user's module raised an error on import."""
+    """Error raised if the import of a user's module fails."""
 
 
 _NAME: Final = re.compile(r"[\w.-]+")
@@ -37,7 +37,7 @@ _searched: list[str] = []  # folders searched for ``module:Name`` after the impo
 
 
 def search_current_folder() -> None:
-    """Let ``module:Name`` find modules in the current folder, after the import path."""
+    """Search the current folder, after the import path, for modules of ``module:Name``."""
     _searched[:] = [str(Path.cwd())]
 
 
@@ -47,7 +47,7 @@ class Registry(Generic[ComponentT]):
     Args:
         kind: kind of component in messages ("teacher").
         entry_point_group: group of entry points of installed packages.
-        builtin: ``module:Name`` of each built-in name.
+        builtin: ``module:Name`` of built-in implementations by name.
         base: base class of all implementations, or its ``module:Name``.
     """
 
@@ -102,7 +102,7 @@ class Registry(Generic[ComponentT]):
         return sorted({*self._targets, *self._decorated, *self._installed()})
 
     def summaries(self) -> dict[str, str]:
-        """Return the first docstring line of each name, or an empty text if there is none."""
+        """Return the first lines of the implementations' docstrings by name; "" without a docstring."""
         return {name: self._summary(name) for name in self.names()}
 
     def _summary(self, name: str) -> str:
@@ -145,7 +145,7 @@ class Registry(Generic[ComponentT]):
             return None
         implementation = self.get(name)
         key = module, implementation
-        if key not in self._sources:  # cached, since the imported code does not have later edits
+        if key not in self._sources:  # cached, since later edits do not change the imported code
             try:
                 self._sources[key] = PluginSource.of(module, getattr(implementation, "data_files", ()))
             except ValueError as error:
@@ -249,7 +249,7 @@ def _target_of(implementation: object) -> str:
 
 
 def _identity(implementation: object) -> str:
-    """Return the module and name, which are the same for a script and its imported module."""
+    """Return the module and name, which are equal for a script and its import by another process."""
     module = getattr(implementation, "__module__", "?")
     with contextlib.suppress(ValueError):  # raised in interactive sessions, which have no other name
         module = importable_name(module)

@@ -23,7 +23,7 @@ import numpy as np
 from tma_ray.support.component_names import LIST_SEPARATOR, nearest, text_of
 from tma_ray.support.validation import check_type
 
-PRESET = "preset"  # key of a named set of values in a component's `presets`
+PRESET = "preset"  # setting that selects one of a component's `presets`
 
 _LISTS: Mapping[Any, Callable[..., Any]] = {
     tuple: tuple,
@@ -123,7 +123,7 @@ def parse_settings(
 
 
 def non_defaults(component: Callable[..., Any], values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the `values` that differ from a `component`'s defaults, as a preset where that is shorter."""
+    """Return the `values` that differ from a component's defaults, with a preset if that is shorter."""
     defaults = {name: parameter.default for name, parameter in parameters_of(component).items()}
     complete = defaults | dict(values)
     presets: Mapping[str, Mapping[str, Any]] = getattr(component, "presets", {})
@@ -203,7 +203,7 @@ def coerce(key: str, value: Any, annotation: Any, kind: str = "hyper-parameter")
 
 
 def _choices(annotation: Any) -> dict[str, Any]:
-    """Return the values of a literal or an enum by their text, and none for other types."""
+    """Return the values of a literal or enum type by their text, or {} for other types."""
     if get_origin(annotation) is Literal:
         return {text_of(to_json(choice)): choice for choice in get_args(annotation)}
     if isinstance(annotation, type) and issubclass(annotation, Enum):
@@ -264,7 +264,7 @@ def _one_of(key: str, value: Any, choices: tuple[Any, ...], kind: str) -> Any:
 
 
 def _item_annotations(annotation: Any, count: int) -> tuple[Any, ...]:
-    """Return the annotation of each of `count` items, or that of each item if a tuple has a fixed length."""
+    """Return the annotations of `count` items of a collection, or of all items of a fixed-length tuple."""
     arguments = get_args(annotation)
     if get_origin(annotation) is tuple and arguments[1:] != (Ellipsis,):
         return arguments

@@ -1,8 +1,8 @@
-"""Command lines based on cyclopts, made of typed functions whose docstrings are the help.
+"""Command-line apps based on cyclopts: typed functions whose docstrings are the help texts.
 
 A metavar in capitals names the kind of a value (`METAVARS`), ``NAME,...`` is a list, ``NAME=VALUE`` an
-assignment, and ``{a,b}`` a fixed set. Our own parsers read every value, since the library's conversion of
-types accepts more.
+assignment, and ``{a,b}`` a fixed set. Values are converted by functions of this package, since cyclopts
+accepts more.
 """
 
 from __future__ import annotations
@@ -78,11 +78,11 @@ class UsageError(ValueError):
 
 
 def value(parse: Parse, metavar: str, **settings: Any) -> Parameter:
-    """Return the annotation of an option or argument with one value, the last one if repeated.
+    """Return the annotation of an option or argument with one value; if repeated, the last one counts.
 
     Args:
-        parse: function that returns the value of a text, or raises ValueError.
-        metavar: kind of the value, of `METAVARS`.
+        parse: function that converts a text to the value, or raises a ValueError.
+        metavar: kind of the value, a key of `METAVARS`.
         settings: further settings of the parameter.
     """
 
@@ -119,7 +119,7 @@ def _parameter(convert: Callable[..., Any], parse: Parse, metavar: str, settings
 
 
 class HelpFormatter(PlainFormatter):
-    """Formatter of plain text in two columns, with each option's default, which `defaults` may override."""
+    """Formatter of help as plain text in two columns; `defaults` overrides the shown defaults of options."""
 
     def __init__(self, defaults: Mapping[str, str] | None = None) -> None:
         super().__init__()
@@ -155,7 +155,7 @@ class HelpFormatter(PlainFormatter):
 def command(
     *, name: str = "", defaults: Mapping[str, str] | None = None, **settings: Any
 ) -> Callable[[Callable[..., int]], App]:
-    """Return a decorator that turns a function into a command line, with the docstring as the help.
+    """Return a decorator that turns a function into a command-line app, with its docstring as the help.
 
     The function returns the exit code. Positional-only parameters are arguments, keyword-only ones options.
     The name is the function's by default; see `HelpFormatter` for `defaults`.
@@ -184,7 +184,7 @@ def description(docstring: str) -> str:
 
 
 def group(name: str, help_: str, **settings: Any) -> App:
-    """Return a command with subcommands."""
+    """Return a command-line app with subcommands."""
     return App(name=name, help=help_, group_commands=Group("commands"), **(_settings() | settings))
 
 
@@ -214,7 +214,7 @@ def run(
         except UsageError as error:
             sys.stderr.write(f"{error}\n")
             return REFUSED
-        if before is not None and call.func.__module__ != "cyclopts.core":  # neither the help nor the version
+        if before is not None and call.func.__module__ != "cyclopts.core":  # not for help or version
             before()
         return call() or 0
 
@@ -222,7 +222,7 @@ def run(
 
 
 def read(app: App, words: Sequence[str]) -> partial[int | None]:
-    """Parse a command line, and return the function to call with its values.
+    """Parse a command line, and return its function, bound to the values.
 
     Raises:
         UsageError: if a word or option is unknown or missing, or a value is refused.
@@ -239,7 +239,7 @@ def read(app: App, words: Sequence[str]) -> partial[int | None]:
 
 
 def commands(app: App) -> Iterator[tuple[tuple[str, ...], App]]:
-    """Yield the words and the command line of `app` and of each command below it."""
+    """Yield the words and the app of each command: of `app` itself and, recursively, its subcommands."""
     yield (), app
     for name in app:
         if not name.startswith("-"):

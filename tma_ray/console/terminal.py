@@ -16,7 +16,7 @@ from tma_ray.support.texts import visible
 
 
 class _Terminal(Console):
-    """Console that replaces all control characters in texts except its own."""
+    """Console that replaces control characters in texts, but prints its own."""
 
     @property
     def file(self) -> IO[str]:
@@ -58,7 +58,7 @@ _MODES: Final = {"stdin": "r", "stdout": "w", "stderr": "w"}  # in the order of 
 
 
 class VisibleStream:
-    """Stream that replaces control characters, wrapped around one to which rich writes directly."""
+    """Wrapper of a stream that replaces control characters; rich writes to the wrapped stream itself."""
 
     def __init__(self, stream: Any) -> None:
         self.rich_proxied_file = stream

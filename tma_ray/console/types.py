@@ -15,7 +15,7 @@ SCHEMES: Final = ("s3", "gs", "gcs", "abfs", "abfss", "hdfs", "viewfs", "file", 
 
 
 def root(text: str) -> str:
-    """Parse the folder or address of a results root, existing or not."""
+    """Check the folder or address of a results root, which need not exist, and return it."""
     check_visible(text, "a folder, s3://bucket/folder or gs://bucket/folder")
     if "://" not in text:
         folder(text)
@@ -31,7 +31,7 @@ def root(text: str) -> str:
 
 
 def folder(text: str) -> Path:
-    """Parse the path of a folder, existing or not."""
+    """Parse the path of a folder, which need not exist."""
     if "://" in text:
         raise refused(text, "expected a folder of this machine")
     mode = _mode(text, "a folder")
@@ -49,7 +49,7 @@ def new_file(text: str) -> Path:
 
 
 def _mode(text: str, expected: str) -> int | None:
-    """Return the mode of the file or folder at `text`, or None if it does not exist but could."""
+    """Return the mode of an existing file or folder, or None if one could be created at `text`."""
     check_visible(text, expected)
     path = expanded(text)
     try:

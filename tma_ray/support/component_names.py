@@ -1,4 +1,4 @@
-"""The grammar of names with settings, ``name:key=value``.
+"""Grammar of names with settings, ``name:key=value``.
 
 Settings follow the name of a component, as in ``alp_gmm:fit_every=100``, ``stock:sac:learning_rate=3e-4`` or
 ``module:Name:key=value``. Lists are separated by "x" (``hidden_units=64x64``), or JSON if an entry is a
