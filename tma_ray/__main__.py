@@ -1,9 +1,9 @@
-"""``python -m tma_ray`` is the command `tma-ray`."""
+"""Entry point of ``python -m tma_ray``, which is the command `tma-ray`."""
 
 import sys
 
 if sys.path[0] not in sys.path[1:]:
-    sys.path.append(sys.path.pop(0))  # the current folder, whose modules shall shadow nothing
+    sys.path.append(sys.path.pop(0))  # the current folder, whose modules must not shadow others
 
 from tma_ray.cli import main
 

@@ -74,14 +74,14 @@ class BodyConformance:
                 )
 
     def test_seed_and_actions_determine_its_way(self, environment: str) -> None:
-        """Check that an episode repeated in a new instance is equal bit for bit."""
+        """Check that an episode repeated in a new environment is bit-identical."""
         first, second = (
             [observation.tobytes() for observation, _ in self._played(environment, 1)] for _ in range(2)
         )
         assert first == second, f"{self.body}: the same seed and actions lead elsewhere"
 
     def test_its_motors_move_it(self, environment: str) -> None:
-        """Check that actions change states."""
+        """Check that actions change observations."""
         still, moved = (
             np.stack([observation for observation, _ in self._played(environment, 0, scale)])
             for scale in (0.0, 1.0)
@@ -169,7 +169,7 @@ class EnvironmentConformance:
                 assert name in error, f"the refusal of {name} = {value} does not name it: {error!r}"
 
     def test_without_a_task_it_draws_one(self) -> None:
-        """Check that a missing task is drawn from the task space as determined by the seed."""
+        """Check that `reset` without a task samples one from the task space, determined by the seed."""
         made, space = self._made(), self._spaces()[0]
         drawn = [np.float32(made.reset(seed=seed)[1]["task"]) for seed in (1, 2, 1)]
         assert all(space.contains(task) for task in drawn), f"{drawn} are not all inside of task_space"

@@ -27,7 +27,7 @@ Policy = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 
 @dataclass(frozen=True, eq=False)
 class TrainedRun:
-    """A finished run.
+    """Finished training run.
 
     Attributes:
         run_id: id of the run.
@@ -97,7 +97,7 @@ def train(
 
 
 def trained_run(plan: Plan, results: str | Path, placement: Placement) -> TrainedRun:
-    """Return the only run of a plan, executing it if the results root lacks it; see `train` for errors."""
+    """Execute the only run of a plan, unless it is done, and return it; see `train` for errors."""
     outcome, (spec,) = execute_single(plan, results, placement, HiddenProgress()), plan.runs
     if outcome is not AttemptOutcome.DONE:
         raise KeyboardInterrupt(f"the run was {outcome}; with a results root the same call continues")

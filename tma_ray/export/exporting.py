@@ -75,7 +75,7 @@ def export(
         with _unfinished(output) as folder:
             saved.copy(folder)
             write_inputs(saved.spec, folder)
-            for name in (CARD_FILE, ONNX_FILE, PLAYGROUND_FILE):  # left if the policy is itself an export
+            for name in (CARD_FILE, ONNX_FILE, PLAYGROUND_FILE):  # present if the policy is itself an export
                 (folder / name).unlink(missing_ok=True)
             saved.load(*box_spaces(environment))  # raises an error if the policy does not fit
             difference = _write_onnx(saved, environment, folder) if onnx else None
@@ -103,7 +103,7 @@ def _check_output(output: Path) -> None:
 
 @contextmanager
 def _unfinished(output: Path) -> Iterator[Path]:
-    """Yield a temporary folder that becomes `output` unless an error occurs."""
+    """Context manager of a temporary folder that is renamed to `output` unless an error occurs."""
     output = output.resolve()
     folder = output.with_name(f".{output.name}-{uuid4().hex}")
     folder.mkdir(parents=True)

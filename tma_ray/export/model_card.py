@@ -31,7 +31,7 @@ CARD_FILE: Final = "README.md"
 
 
 def history_of(saved: SavedPolicy, results: str | Path) -> tuple[list[dict[str, Any]], dict[str, str]]:
-    """Return the evaluations of the run of `saved`, by step, and the library versions of its last attempt.
+    """Return the evaluations of a policy's run, by step, and the library versions of its last attempt.
 
     They come from its own results root, else from `results`, and are empty if neither has the run.
     """
@@ -58,7 +58,7 @@ def history_of(saved: SavedPolicy, results: str | Path) -> tuple[list[dict[str, 
 
 
 def value_rows(environment: Environment, kind: str) -> list[dict[str, Any]]:
-    """Return one row per signal in the environment's "observation" or "action", with indices and bounds.
+    """Return the signals of an observation or action (`kind`) as rows with indices and bounds.
 
     Raises:
         ValueError: if the signals and the space have different numbers of values.

@@ -49,7 +49,7 @@ def require_onnx() -> None:
 def onnx_model(
     layers: nn.Sequential, sizes: tuple[int, int], properties: Mapping[str, str]
 ) -> onnx.ModelProto:
-    """Convert `layers` to a model, reproducibly.
+    """Convert `layers` to an ONNX model, reproducibly.
 
     Args:
         layers: result of `tma_ray.students.policy_layers`.

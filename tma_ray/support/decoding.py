@@ -22,7 +22,7 @@ INT64_MAX: Final = 2**63 - 1
 Natural: TypeAlias = Annotated[int, msgspec.Meta(ge=0, le=INT64_MAX)]  # integer from 0 that fits in 64 bits
 
 SmallNatural: TypeAlias = Annotated[int, msgspec.Meta(ge=0, le=INT32_MAX)]
-"""Whole number from 0 that fits 32 bits."""
+"""Integer from 0 that fits in 32 bits."""
 
 Sha256: TypeAlias = Annotated[str, msgspec.Meta(pattern="^[0-9a-f]{64}$")]  # hexadecimal checksum
 Seconds: TypeAlias = Annotated[float, msgspec.Meta(ge=0, le=4e9)]  # Unix time up to the year 2096
@@ -45,7 +45,7 @@ _KINDS: Final = {
 
 
 class DamagedFileError(ValueError):
-    """Error for a file whose content is not what was written; the message names the file."""
+    """Error for a file with damaged or unexpected content; the message names the file."""
 
 
 class DamagedFileWarning(UserWarning):
@@ -53,7 +53,9 @@ class DamagedFileWarning(UserWarning):
 
 
 def check_file(path: str | os.PathLike[str], most_bytes: int = MOST_FILE_BYTES) -> None:
-    """Check before opening `path` that it is a file of limited size (pipes block, devices never end).
+    """Check that `path` is a regular file of limited size, without opening it.
+
+    Opening a pipe would block, and a device might never end.
 
     Raises:
         OSError: if the file is missing or not accessible.

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from PIL import Image
 
 SHADES, HUES = 192, 63
-"""Colours besides white: of large areas, as the sky, and of small details, as a red hand."""
+"""Numbers of colours besides white: for large areas, as the sky, and for small details, as a red hand."""
 
 SAMPLED = 12
-"""Largest number of frames behind the palette."""
+"""Largest number of frames from which the palette is computed."""
 
 
 def gif_bytes(frames: Sequence[NDArray[np.uint8]], seconds: float | Fraction, pause: float = 0.0) -> bytes:

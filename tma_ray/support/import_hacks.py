@@ -12,9 +12,9 @@ if TYPE_CHECKING:
 
 
 def skip_pandas() -> None:
-    """Let pyarrow convert lists without pandas in this process, unless pandas is already imported.
+    """Prevent pyarrow from importing pandas to convert lists, for the rest of this process.
 
-    Asking for a data frame still imports pandas. Call it before other threads import anything.
+    Conversion to a data frame still imports pandas. Call it before other threads import anything.
     """
     if "pandas" in sys.modules:
         return
@@ -33,10 +33,10 @@ def skip_pandas() -> None:
 
 
 def skip_dynamo() -> None:
-    """Let torch's optimisers be constructed, saved and loaded without importing torch's compiler.
+    """Prevent torch's optimisers from importing torch's compiler when constructed, saved or loaded.
 
-    That import takes 2 s and 150 MB, and optimisers compute the same without it. The attribute is private to
-    torch: should it go, only the time is lost.
+    The import takes 2 s and 150 MB, and optimisers compute the same without it. The attribute is private to
+    torch; without it, only the time is lost.
     """
     from torch.optim import Optimizer
 

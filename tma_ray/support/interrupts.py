@@ -28,14 +28,14 @@ def leave_at_once(*_: object) -> None:
 
 
 def expect_early() -> None:
-    """End the process on Ctrl-C during imports."""
-    with contextlib.suppress(ValueError):  # this module is imported in another thread
+    """Install a handler that ends the process on Ctrl-C during imports."""
+    with contextlib.suppress(ValueError):  # raised outside the main thread
         signal.signal(signal.SIGINT, leave_at_once)
 
 
 @contextlib.contextmanager
 def block_sigint() -> Iterator[None]:
-    """Context manager in which new processes start with Ctrl-C blocked, so that it cannot stop their imports.
+    """Context manager in which new processes start with Ctrl-C blocked, to protect their imports.
 
     A pending Ctrl-C reaches this process at the end of the block, and the others at `unblock_sigint`.
     """

@@ -11,7 +11,7 @@ from typing import Any
 
 
 def attach(package: str, source: str) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
-    """Return `__getattr__` and `__dir__` for a package to import its ``if TYPE_CHECKING:`` names on use.
+    """Return `__getattr__` and `__dir__` that import a package's ``if TYPE_CHECKING:`` names on use.
 
     Args:
         package: ``__name__`` of the package.

@@ -1,4 +1,4 @@
-"""Kinds of numbers, with ranges, that are parsed from text, and the expansion of home folders."""
+"""Parsers and checks of numbers within ranges, and the expansion of home folders."""
 
 import re
 from dataclasses import dataclass
@@ -92,6 +92,6 @@ def expanded(path: str | Path) -> Path:
 
 
 def refused(text: str, reason: str) -> ValueError:
-    """Return the error of a rejected text."""
+    """Return the error for a rejected text."""
     shown = text if len(text) <= MOST_SHOWN_CHARS else f"{text[:MOST_SHOWN_CHARS]}…"
     return ValueError(f"{shown!r}: {reason}")

@@ -9,7 +9,7 @@ _COLOURS: Final = re.compile(r"\x1b\[[0-9;]*m")
 CONTROL: Final = re.compile(
     "[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]|\r(?!\n)"
 )
-"""Control characters except tabs and line ends, bidirectional marks, lone surrogates."""
+"""Pattern of control characters (except tabs and line ends), bidirectional marks and lone surrogates."""
 
 
 def counted(number: int, one: str, many: str | None = None) -> str:

@@ -47,7 +47,7 @@ def check_fields(record: Any) -> None:
 
 @cache
 def _kinds_of_fields(record: type) -> dict[str, tuple[tuple[type, ...], str]]:
-    """Return the accepted types of each field of a dataclass, with a description of them."""
+    """Return the accepted types of a dataclass's fields, with descriptions, by field."""
     fields = {}
     for name, hint in get_type_hints(record).items():
         hints = get_args(hint) if isinstance(hint, UnionType) else (hint,)

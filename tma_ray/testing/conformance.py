@@ -29,11 +29,11 @@ from tma_ray.testing.scenarios import (
 )
 
 SAVED_AFTER = (0, 1, 149, 150, 211)
-"""Episodes after which states are saved, around the ends of batches; one per scenario, in turn."""
+"""Numbers of episodes after which teachers are saved (one per scenario), around the ends of batches."""
 
 SET_BY_START = ("space", "knowledge", "rng")  # attributes that `Teacher.start` sets
 
-QUICK_SCENARIOS = 3  # number of scenarios that the quick check plays; in others a teacher is only started
+QUICK_SCENARIOS = 3  # scenarios played by the quick check; in others, it only starts the teacher
 PROBED = 20  # number of tasks per probe
 
 
@@ -75,7 +75,7 @@ class TeacherConformance:
 
     @classmethod
     def claimed_scenarios(cls) -> list[Scenario]:
-        """Return those `scenarios` that are within the teacher's declared limits."""
+        """Return the `scenarios` within the teacher's declared limits."""
         claimed = [scenario for scenario in cls.scenarios if not cls.teacher.refusal(scenario.space)]
         assert claimed, f"{cls.teacher.__name__} declares limits within which no scenario is; raise them"
         return claimed
@@ -177,7 +177,7 @@ class TeacherConformance:
         raise AssertionError(f"{self._name}: another seed gave the same tasks; draw from self.rng")
 
     def test_global_randomness_is_left_alone(self) -> None:
-        """Check that the teacher leaves random state shared with other code in its process unchanged."""
+        """Check that the teacher does not change the global random state of its process."""
         scenario = self.claimed_scenarios()[0]
         teacher = self._started(scenario)
         play(teacher, scenario, 0, 1)
@@ -240,7 +240,7 @@ class TeacherConformance:
         return self.teacher.knowledge_levels[-1]
 
     def _started(self, scenario: Scenario, seed: int = 0, level: KnowledgeLevel | None = None) -> Teacher:
-        """Return a started teacher. Only the first test fails if it does not call `super().start`."""
+        """Return a started teacher; skip all tests but the first if it does not call `super().start`."""
         if self.teacher in _UNSTARTED:
             raise SkipTest(f"{self._name}.start() does not call super().start()")
         try:

@@ -22,7 +22,7 @@ from tma_ray.testing.students import SimulatedChallenge
 NAMES = ("teacher", "challenge", "expert_knowledge", "seed", "effective_knowledge")  # key columns
 
 RECOVERY = {"before_reset": 0.0, "tenth_later": 0.1, "three_tenths_later": 0.3}
-"""Columns around the first reset, with their delay as a share of all episodes."""
+"""Columns of results around the first reset, and their delays after it as shares of all episodes."""
 
 RUN_MEASURES = ("mastered_percent", *RECOVERY)
 
@@ -31,7 +31,7 @@ CURVE = tuple(f"at_{100 * (point + 1) // EVALUATIONS:02}" for point in range(EVA
 
 
 class ProcessLostError(RuntimeError):
-    """Error raised if a process of a pool was killed, with the runs that it may have been playing."""
+    """Error raised if a process of a pool was killed; it names the runs that may have been lost."""
 
 
 @dataclass(frozen=True)
@@ -40,8 +40,8 @@ class SimulatedCell:
 
     Attributes:
         teacher: registered name, or ``module:Name``.
-        effective_level: level that the teacher uses, None if it is too little to run. Cells with the same
-            effective level share runs.
+        effective_level: level that the teacher uses, None if the offered level does not suffice. Cells with the
+            same effective level share runs.
     """
 
     challenge: SimulatedChallenge
@@ -53,7 +53,7 @@ class SimulatedCell:
 def cells_of(
     teachers: Sequence[str], challenges: Sequence[SimulatedChallenge], levels: Sequence[KnowledgeLevel]
 ) -> list[SimulatedCell]:
-    """Return the distinct cells of a matrix within declared limits, by teacher, level and challenge."""
+    """Return the distinct cells of a matrix, ordered by teacher, level and challenge."""
     for teacher, challenge in itertools.product(teachers, challenges):
         check_limits(TEACHERS.get(teacher), teacher, challenge.task_space)
     cells = []
@@ -71,9 +71,10 @@ def run_cells(
     jobs: int,
     finished: Iterable[SimulatedRun] = (),
 ) -> Generator[SimulatedRun, None, None]:
-    """Yield the distinct runs of `cells`, except `finished` ones, as they end, seed by seed.
+    """Simulate the distinct runs of `cells`, except `finished` ones, and yield them as they end.
 
-    They are played by `jobs` single-threaded processes, which end when the iterator is closed.
+    They are started in order of their seeds, in `jobs` single-threaded processes, which end when the iterator
+    is closed.
 
     Raises:
         ProcessLostError: if a process was killed.
@@ -122,7 +123,7 @@ def tabulate(cells: Sequence[SimulatedCell], runs: Iterable[SimulatedRun]) -> pd
     The columns are
 
     - teacher, challenge, expert_knowledge, seed;
-    - effective_knowledge: level that the teacher uses; rows that agree up to here are one run;
+    - effective_knowledge: level that the teacher uses; rows that are equal up to here share a run;
     - mastered_percent: mastered test tasks at the end;
     - before_reset, tenth_later, three_tenths_later: the same just before the student's first reset and
       one tenth and three tenths of all episodes after it; empty for a student that is not reset;
@@ -150,7 +151,7 @@ def tabulate(cells: Sequence[SimulatedCell], runs: Iterable[SimulatedRun]) -> pd
 
 
 def _settle(alive: Connection) -> None:
-    """Prepare a single-threaded worker process that exits when the parent closes its end of `alive`."""
+    """Initialise a single-threaded worker process, which exits when the parent closes its end of `alive`."""
     unblock_sigint()
     threadpool_limits(limits=1)
     os.environ["OMP_NUM_THREADS"] = "1"

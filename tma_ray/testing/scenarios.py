@@ -71,18 +71,16 @@ def check_update(update: TeacherUpdate, space: TaskSpace, name: str) -> None:
 
 
 def first_difference(first: Iterable[Any], second: Iterable[Any]) -> int | None:
-    """Return the index of the first task in which two plays differ, or None if they are equal."""
+    """Return the index of the first difference between two sequences of tasks, or None if they are equal."""
     for index, (one, other) in enumerate(zip(first, second, strict=True)):
         if not np.array_equal(one, other):
             return index
     return None
 
 
-STEPS = 1_000  # length of every episode: a few hundred reach updates due every 100,000 steps
+STEPS = 1_000  # length of episodes, so long that some hundred reach updates every 100,000 steps
 VALUE_SHARE = 0.05  # discounted returns and state values as a share of the episodic return
-UNSTEADINESS = (
-    60.0  # alternating change of the improving student's returns, so that it sometimes masters tasks
-)
+UNSTEADINESS = 60.0  # alternating change of the improving student's returns, which makes it master some tasks
 
 
 class ScriptedStudent(StrEnum):
@@ -174,7 +172,7 @@ def play(
     last: int,
     student: ScriptedStudent = ScriptedStudent.IMPROVING,
 ) -> list[Task]:
-    """Return the tasks of the episodes numbered `first` to `last` (exclusive)."""
+    """Play the episodes numbered `first` to `last` (exclusive), and return their tasks."""
     tasks = []
 
     def values(observations: NDArray[np.float32]) -> NDArray[np.float64]:
@@ -219,7 +217,7 @@ def resume_in_new_process(
     level: KnowledgeLevel,
     saved: tuple[SavedTeacher, ...],
 ) -> list[Task]:
-    """Resume each of `saved` in a new process, and return the tasks (n, d).
+    """Resume saved teachers in a new process, and return the tasks (n, d) of each.
 
     Raises:
         RuntimeError: if the new process fails, with its errors.

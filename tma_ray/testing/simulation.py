@@ -63,7 +63,7 @@ class SimulatedRun:
 class Simulation:
     """Training loop of a teacher and a simulated student.
 
-    Student, shuffled space and random initial Gaussian depend on the seed alone, the same for all teachers.
+    Student, shuffled space and random initial Gaussian depend only on the seed, equally for all teachers.
 
     Args:
         challenge: simulated challenge.

@@ -20,8 +20,8 @@ from which its episodic return follows, R = -100 + 400 k(q) + noise. An episode 
   the slower it is learned; beyond L, or where a demand is over 1, tasks are unfeasible;
 - phi: what is not practised fades exponentially (after Ebbinghaus 1885), everywhere and in every episode.
 
-What it leaves out: returns do not depend on the world drawn for a task, learning has no plateaus, and every
-episode is equally long.
+Simplifications: returns do not depend on the world drawn for a task, learning has no plateaus, and all
+episodes are equally long.
 """
 
 from collections.abc import Callable
@@ -132,12 +132,12 @@ class StudentParameters:
 
 
 class SimulatedStudent:
-    """A learner without physics, trained one task at a time.
+    """Student without physics, trained one task at a time.
 
     Args:
-        easy: easiest task (d,); easier ones count as this.
+        easy: easiest task (d,); easier tasks count as equal to it.
         hard: hardest task (d,) that may be feasible, different from `easy` in every dimension.
-        rng: source of the student's pace, then of the noise of returns.
+        rng: generator for the student's pace, and then for the noise of returns.
         aptitude: parameters of the student.
 
     Raises:
@@ -175,7 +175,7 @@ class SimulatedStudent:
         self._competence = np.zeros_like(self._pace)
 
     def play(self, task: ArrayLike, trains: bool = True) -> float:
-        """Play one episode of `task` (d,), learn if it `trains`, and return its episodic return."""
+        """Play one episode of `task` (d,), learn from it if `trains`, and return the episodic return."""
         demands = self.initial_observations(task).astype(np.float64)
         competence = 0.0
         if self._feasible(demands):
@@ -221,7 +221,7 @@ class SimulatedStudent:
         return kernels
 
     def _read(self, kernels: Array) -> Array:
-        """Return the kernel averages (n,) of the competence, dimension by dimension."""
+        """Return the kernel averages (n,) of the competence, computed dimension by dimension."""
         count, regions = kernels.shape[1:]
         weights = kernels / kernels.sum(axis=-1, keepdims=True)
         average: Array = weights[0] @ self._competence.reshape(regions, -1)
@@ -239,12 +239,12 @@ class SimulatedStudent:
 
 @dataclass(frozen=True)
 class SimulatedChallenge:
-    """Challenge that simulated students are trained on.
+    """Challenge for simulated students.
 
     Attributes:
         name: name in results and flags.
         aptitudes: parameters of the students; seed s trains the (s mod n)-th.
-        resets: shares of the episodes after which the student forgets everything.
+        resets: shares of the episodes after which the student is reset.
         cuts: shuffled intervals per dimension of the task space, 0 for none.
         easy_task: easiest task (d,), part of high expert knowledge.
         hard_task: hardest task (d,) that may be feasible.
