@@ -57,7 +57,7 @@ def kernel(function: F, nogil: bool = False) -> F:
             f"user's own cache may be written; name a folder that may be in NUMBA_CACHE_DIR"
         ) from error
     if compiled is not function:
-        # numba detects changes only in the function's own file, but kernels call others in their package; with
+        # numba detects changes only in the function's file, but kernels call others in their package; with
         # another version it also skips an old index, whose unpickling fails on types of deleted modules
         file = Path(function.__code__.co_filename)
         compiled._cache._cache_file._version = (numba.__version__, _sources(_package(file)))

@@ -40,7 +40,7 @@ class SimulatedCell:
 
     Attributes:
         teacher: registered name, or ``module:Name``.
-        effective_level: level that the teacher uses, None if the offered level does not suffice. Cells with the
+        effective_level: level that the teacher uses, None if the offered one does not suffice. Cells with the
             same effective level share runs.
     """
 
