@@ -3,6 +3,8 @@
 import math
 from collections.abc import Iterable
 
+from tma_ray.support.texts import counted
+
 LISTED, FIRST = 12, 6  # largest number of names listed in full, and number of names shown of a longer list
 
 FEW_SEEDS = 10  # number of seeds below which a sentence warns the reader; the paper used 16 to 48
@@ -66,8 +68,7 @@ def few_seeds_warning(smallest: float) -> str:
     """Return a warning if the smallest group of a test has few runs, else an empty string."""
     if not smallest < FEW_SEEDS:
         return ""
-    seeds = f"{smallest:.0f} seed{'s' if smallest > 1 else ''}"
     return (
-        f"With as few as {seeds} only large differences can show, and their size is uncertain; "
-        f"take this as an indication, not as a result."
+        f"With as few as {counted(round(smallest), 'seed')} only large differences can show, and their size "
+        f"is uncertain; take this as an indication, not as a result."
     )

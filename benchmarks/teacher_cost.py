@@ -1,6 +1,7 @@
 """Cost of a teacher per episode: time in `observe`, `answer` and `sample`, early and late in training.
 
     python benchmarks/teacher_cost.py --episodes 40000 --teachers spdl goal_gan --output teacher_cost.json
+    python benchmarks/teacher_cost.py --episodes 12000 --csv benchmarks/measured/teacher_cost.csv
 
 Returns follow a formula instead of a student; episodes last 350 to 830 steps. If late episodes cost much more
 than early ones, the cost grows with the teacher's history. Times are processor times, so that other processes
@@ -16,6 +17,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from tma_ray.benchmark import find_challenge
@@ -24,6 +26,9 @@ from tma_ray.teachers import TEACHERS, make_teacher
 from tma_ray.testing.students import report_episode
 
 SHARE = 0.25
+
+PRESETS = "goal_gan:preset=release", "setter_solver:preset=release", "spdl:preset=release"
+"""Teachers of releases with other settings than the defaults."""
 
 
 def cost(name: str, episodes: int) -> dict[str, float | str]:
@@ -83,14 +88,20 @@ def main() -> None:
     """Measure every teacher of the catalogue, or those asked for."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--episodes", type=int, default=40_000, help="of each teacher (%(default)s)")
-    parser.add_argument("--teachers", nargs="+", default=TEACHERS.names())
+    parser.add_argument("--teachers", nargs="+", default=[*TEACHERS.names(), *PRESETS])
     parser.add_argument("--output", type=Path)
+    parser.add_argument("--csv", type=Path, help="table of docs/teachers.md")
     options = parser.parse_args()
     rows = [cost(name, options.episodes) for name in options.teachers]
     for row in rows:
         print(json.dumps(row))
     if options.output:
         options.output.write_text(json.dumps({"machine": platform.machine(), "rows": rows}, indent=1))
+    if options.csv:
+        table = pd.DataFrame(rows).sort_values("milliseconds", ignore_index=True).round(3)
+        table["ratio_last_to_first"] = table["ratio_last_to_first"].round(1)
+        columns = {"milliseconds": "ms an episode", "ratio_last_to_first": "last quarter to first"}
+        table[["teacher", *columns]].rename(columns=columns).to_csv(options.csv, index=False)
 
 
 if __name__ == "__main__":

@@ -30,6 +30,7 @@ from analysis.measures.evaluations import RECENT, aggregate, mastered_tasks
 from analysis.measures.tested import HEADLINE, PAPERS, QUANTITIES
 from analysis.measures.trained import NEARLY_ALL, trained_shares, with_trained_steps
 from analysis.names import label, short_labels, teacher_order
+from tma_ray.support.texts import counted
 
 CURVES = (
     (PAPERS, MASTERED, "Mastered test tasks at each evaluation"),
@@ -228,7 +229,7 @@ def _counts(rows: pd.DataFrame) -> str:
     """Return the number of runs per teacher as text, such as ``n = 4 seeds per teacher``."""
     counts = rows.groupby("teacher")["run_id"].nunique()
     usual = int(counts.mode().iloc[-1])
-    text = f"n = {usual} seed{'s' if usual > 1 else ''}" + (" per teacher" if len(counts) > 1 else "")
+    text = f"n = {counted(usual, 'seed')}" + (" per teacher" if len(counts) > 1 else "")
     others = [name for name in sorted(counts.index, key=teacher_order) if counts[name] != usual]
     if not others:
         return text

@@ -19,6 +19,7 @@ from analysis.formatting import few_seeds_suffix, listed, steps_text
 from analysis.measures.tested import HEADLINE
 from analysis.names import label
 from analysis.statistics import SIGNIFICANCE
+from tma_ray.support.texts import counted
 
 EQUAL = 1e-9  # difference of means, in points, below which two teachers share a rank
 
@@ -63,7 +64,7 @@ class Rank:
         where = (
             f"expert knowledge {self.across['expert_knowledge']}, {steps_text(self.across['steps'])} steps"
         )
-        over = f"Over {self.challenges} challenge{'s' if self.challenges > 1 else ''} ({where}{variant})"
+        over = f"Over {counted(self.challenges, 'challenge')} ({where}{variant})"
         if self.of == 1:
             return (
                 f"{over} {label(self.teacher)} has no rank: no other teacher has results on the same "

@@ -24,6 +24,7 @@ from analysis.measures import pooling
 from analysis.measures.tested import FINAL, HEADLINE, PAPERS
 from analysis.names import challenge_title, label, title
 from analysis.statistics import SIGNIFICANCE, Method
+from tma_ray.support.texts import counted
 
 METHODS = {
     Method.WELCH: "Welch's t-test",
@@ -202,7 +203,7 @@ def _verdicts(rows: pd.DataFrame) -> str:
     verdicts = tested.apply(verdict, axis=1)
     better, worse = int((verdicts == "better").sum()), int((verdicts == "worse").sum())
     few = few_seeds_suffix(tested[["n", "reference_n"]].min().min())
-    of = f"{len(tested)} challenge{'s' if len(tested) > 1 else ''}"
+    of = counted(len(tested), "challenge")
     if not better and not worse:
         brief = few.replace("; ", " (") + ")" if few else ""
         return f"not distinguishable from {OTHERS} on any of {of}{brief}"

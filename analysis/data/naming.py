@@ -19,6 +19,7 @@ from analysis.data.columns import COMPARISON, NAME_SCOPE, NAMED, RUN_CONDITIONS
 from analysis.data.specs import digest_of
 from tma_ray.benchmark import EXPERIMENTS, Matrix
 from tma_ray.support.component_names import join_name, split_name
+from tma_ray.support.texts import counted
 
 MOST_SETTINGS = 4  # largest number of settings in a name; more are replaced by their hash
 
@@ -49,7 +50,7 @@ def disambiguate_names(cells: Sequence[pd.DataFrame]) -> tuple[list[pd.DataFrame
             frame[column] = [names.get(variant, name) if split else name for variant, name, split in rows]
         renamed = runs.assign(to=[names.get(variant, "") for variant in variants])
         for (name, to), group in renamed[renamed["to"] != ""].groupby([column, "to"]):
-            sentences.append(f"{_runs(len(group))} of {column} {name!r} stand apart as {to!r}.")
+            sentences.append(f"{counted(len(group), 'run')} of {column} {name!r} stand apart as {to!r}.")
     return frames, tuple(sentences)
 
 
@@ -71,7 +72,9 @@ def split_experiments(cells: pd.DataFrame) -> tuple[pd.DataFrame, tuple[str, ...
             differs = (rows[list(RUN_CONDITIONS)] == list(values)).all(axis=1)
             names[differs.index[differs]] = f"{key[1]} ({words})"
             where = f"{key[2]} {key[3]}, {key[5]}"
-            sentences.append(f"{_runs(int(differs.sum()))} of {key[1]} ({where}) stand apart: {words}.")
+            sentences.append(
+                f"{counted(int(differs.sum()), 'run')} of {key[1]} ({where}) stand apart: {words}."
+            )
     return cells.assign(experiment=names), tuple(sentences)
 
 
@@ -131,7 +134,3 @@ def _settings(text: object, column: str) -> str:
     if not isinstance(text, str):
         return "{}"
     return json.dumps(json.loads(text)[column], sort_keys=True)
-
-
-def _runs(count: int) -> str:
-    return f"{count} run{'s' if count > 1 else ''}"

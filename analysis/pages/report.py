@@ -24,7 +24,7 @@ from analysis.names import label, teacher_order
 from analysis.pages.page import controls, overall_section, page, page_folder, write_page
 from analysis.pages.sections import Section, answers, best_of, distinct, overview, sections
 from analysis.teacher_styles import shown_together
-from tma_ray.support.texts import rounded_duration
+from tma_ray.support.texts import counted, rounded_duration
 from tma_ray.tasks import MASTERY_RETURN
 
 
@@ -35,7 +35,7 @@ def what_ran(cells: pd.DataFrame) -> str:
     parts = [named]
     seeds, steps = cells.groupby(GROUP)["run_id"].nunique().unique(), cells["steps"].dropna().unique()
     if len(seeds) == 1:
-        parts.append(f"{seeds[0]} seed{'s' if seeds[0] > 1 else ''} each")
+        parts.append(f"{counted(int(seeds[0]), 'seed')} each")
     if len(steps) == 1:
         parts.append(f"{steps_text(steps[0])} steps")
     return ", ".join(part for part in parts if part)

@@ -11,6 +11,7 @@ from enum import StrEnum
 from typing import NamedTuple
 
 from analysis.formatting import number
+from tma_ray.support.texts import counted
 
 
 @dataclass(frozen=True)
@@ -253,7 +254,7 @@ def _grid(table: ResultTable, marks: _Marks) -> Iterator[list[str]]:
 def _below(table: ResultTable, marks: _Marks) -> Iterator[str]:
     """Yield the lines below a table: numbers of runs, remarks, notes."""
     counts: set[int] = set().union(*(table.counts(column) for column in table.columns))
-    remarks = [f"{min(counts)} run{'s' if min(counts) > 1 else ''} each."] if len(counts) == 1 else []
+    remarks = [f"{counted(min(counts), 'run')} each."] if len(counts) == 1 else []
     if any(cell.best for cell in table.cells.values()):
         remarks.append("Bold: the highest mean of its column, without a test.")
     if remarks or table.remarks:

@@ -153,7 +153,7 @@ def test_a_release_plays_without_the_files_it_was_made_with(
 @pytest.mark.usefixtures("elsewhere")
 def test_an_unfinished_run_continues_from_what_its_root_keeps(hopper: Path, tmp_path: Path) -> None:
     spec = hopping(hopper)
-    inputs.keep(Store.open(tmp_path / "kept"), [spec])
+    inputs.RunInputs.of([spec]).keep(Store.open(tmp_path / "kept"))
     Committer.open(tmp_path / "root")
     shutil.copytree(tmp_path / "kept" / "inputs", tmp_path / "root" / "inputs")
     hopper.unlink()

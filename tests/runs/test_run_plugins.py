@@ -13,7 +13,7 @@ from small_runs import small_spec
 from tma_ray.components.registry import PluginImportError, UnknownNameError
 from tma_ray.envs import make_environment
 from tma_ray.runs import Cell, InlineTeacher, Plugin, RunSpec, Schedule, effective_spec
-from tma_ray.runs.inputs import arguments, import_plugins, importing_plugins, plugin_sources
+from tma_ray.runs.inputs import RunInputs, arguments, import_plugins, importing_plugins
 from tma_ray.teachers import TEACHERS, make_teacher
 from tma_ray.teachers.random import Random
 
@@ -109,7 +109,7 @@ def test_names_come_with_the_module(tmp_path: Path, module: str, monkeypatch: py
     __import__(module)
     source = TEACHERS.plugin("of_elsewhere")
     spec = planned(tmp_path, "of_elsewhere", Plugin(source.module, source.digest))
-    assert [each.module for each in plugin_sources([spec, spec])] == [module]
+    assert [each.module for each in RunInputs.of([spec, spec]).sources] == [module]
     for registered in ("_decorated", "_origins"):
         monkeypatch.setattr(TEACHERS, registered, {})
     monkeypatch.delitem(sys.modules, module)  # as in a new process

@@ -33,11 +33,10 @@ from tma_ray.results import (
 )
 from tma_ray.runs.inputs import (
     REGISTRIES,
-    contents,
+    RunInputs,
     import_plugins,
     importing_plugins,
     new_environment,
-    plugin_sources,
     provide,
 )
 from tma_ray.runs.placement import check_available
@@ -72,11 +71,12 @@ def execute_plan(
         )
     store = Store.open(results)
     check_usable(store)
+    inputs = RunInputs.of(plan.runs)
     keys = stack_keys(plan.runs) if settings.width else {}
     if address is None:
         check_available(settings.device)
     with exit_on_head_loss(LocalRayWatch(), plan.name):
-        connection = connect(address, plugin_sources(plan.runs))
+        connection = connect(address, inputs.sources)
     with closing(connection.head) as head:
         with exit_on_head_loss(head, plan.name):
             if settings.width and not settings.autoscaling:
@@ -86,12 +86,13 @@ def execute_plan(
             if not connection.is_own:
                 check_installation()
             check_storage_access(store)
-            warm_nodes(plan.runs, connection.shipped)
+            warm_nodes(plan.runs, inputs.files, connection.shipped)
         committer = Committer(store)
         with Lease(store, lease_holder(plan.name)) as lease, ExitStack() as stack:
             if plan.cell_rows:
                 committer.write_cells(plan.name, plan.cell_rows)
             committer.sweep()
+            inputs.keep(store)
             progress = PublishedProgress(view or ProgressView(), HeartbeatWriter(store, lease.holder))
             cohorts = Cohorts(settings, head, plan.runs, keys) if settings.width else None
             executor = RayExecutor(store, settings, head, cohorts)
@@ -215,7 +216,7 @@ _tried: set[tuple[str, object]] = set()
 """Pairs of node id and environment that this process has tried."""
 
 
-def warm_nodes(specs: Sequence[RunSpec], shipped: bool = True) -> None:
+def warm_nodes(specs: Sequence[RunSpec], files: Mapping[str, bytes], shipped: bool = True) -> None:
     """Construct every environment of `specs`, and import every plug-in, once on every node.
 
     This fills the nodes' compilation caches, so that actors do not all compile at once. The driver tries
@@ -223,6 +224,7 @@ def warm_nodes(specs: Sequence[RunSpec], shipped: bool = True) -> None:
 
     Args:
         specs: planned runs.
+        files: contents of their input files, by SHA-256.
         shipped: True if this connection shipped the plug-ins.
 
     Raises:
@@ -248,7 +250,7 @@ def warm_nodes(specs: Sequence[RunSpec], shipped: bool = True) -> None:
         if (node, recipe) not in _tried:
             tasks[node].append(spec.to_dict())
     # Use a new process, since imported plug-ins would stay, but one per node, since processes start slowly.
-    task, files = ray.remote(max_calls=1, num_cpus=0)(_try_all), contents(specs)
+    task = ray.remote(max_calls=1, num_cpus=0)(_try_all)
     try:
         ray.get([_submit(node, task, planned, files) for node, planned in tasks.items()])
     except RayError as error:

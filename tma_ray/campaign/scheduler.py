@@ -14,7 +14,6 @@ from tma_ray.campaign.settings import ExecutionConfig
 from tma_ray.results import AttemptOutcome, AttemptRecord, Committer
 from tma_ray.runs.attempt import Report
 from tma_ray.runs.checkpoints import Checkpoints
-from tma_ray.runs.inputs import keep
 from tma_ray.runs.spec import RunSpec
 
 STOPPING_POLL_SECONDS = 0.2  # time between two polls while runs write their last checkpoints, s
@@ -67,7 +66,6 @@ class Scheduler:
         self._done = len(done)
         self._waiting.extend(spec for spec in specs if spec.run_id not in done)
         self._total, self._total_steps = len(specs), sum(spec.schedule.steps for spec in specs)
-        self._committer.call(lambda committer: keep(committer.store, specs))
         try:
             while self._waiting or self._running or self._retries:
                 if stop_requested():

@@ -31,7 +31,7 @@ from tma_ray.results import (
     write_progress,
 )
 from tma_ray.runs.checkpoints import Checkpoints
-from tma_ray.runs.inputs import fetch, keep
+from tma_ray.runs.inputs import RunInputs, fetch
 from tma_ray.runs.placement import Placement, Status, fingerprint, gpu
 from tma_ray.runs.run import Run
 from tma_ray.runs.spec import RunSpec
@@ -316,7 +316,7 @@ def run_locally(
     if committer.done([spec.run_id]):
         return AttemptOutcome.DONE
     placement, record = placement or Placement(), spec.record()
-    keep(committer.store, [spec])
+    RunInputs.of([spec]).keep(committer.store)
     number = committer.start(record)
     attempt = Attempt(spec, committer.store, number, placement)
 

@@ -6,8 +6,9 @@ content and its name without the folder: an edited file changes the run id, a mo
 
 import hashlib
 import tempfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from contextvars import ContextVar
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -56,13 +57,6 @@ def algorithm_versions_of(names: Mapping[str, str]) -> dict[str, int]:
     """
     versions = {part: registry.algorithm_version(names[part]) for part, registry in REGISTRIES.items()}
     return {part: version for part, version in versions.items() if version is not None}
-
-
-def plugin_sources(specs: Iterable[RunSpec]) -> list[PluginSource]:
-    """Return the sources of all plug-ins in `specs`, without duplicates."""
-    names = {(part, getattr(spec, part)) for spec in specs for part in spec.plugins}
-    sources = (REGISTRIES[part].plugin(name) for part, name in sorted(names))
-    return [source for source in sources if source is not None]
 
 
 def import_plugins(spec: RunSpec, *parts: str) -> None:
@@ -180,13 +174,31 @@ def provide(contents_by_digest: Mapping[str, bytes]) -> None:
     _contents.update(contents_by_digest)
 
 
-def keep(store: Store, specs: Iterable[RunSpec]) -> None:
-    """Write the inputs and plug-in sources of `specs` into a results root."""
-    planned = list(specs)
-    for data in contents(planned).values():
-        store_input(store, data)
-    for source in plugin_sources(planned):
-        store_plugin(store, source)
+@dataclass(frozen=True)
+class RunInputs:
+    """Everything that runs read apart from this package.
+
+    Attributes:
+        sources: sources of the plug-ins.
+        files: contents of the input files held by this process, by SHA-256.
+    """
+
+    sources: tuple[PluginSource, ...]
+    files: Mapping[str, bytes]
+
+    @classmethod
+    def of(cls, specs: Sequence[RunSpec]) -> "RunInputs":
+        """Return the inputs of `specs`, without duplicates."""
+        names = sorted({(part, getattr(spec, part)) for spec in specs for part in spec.plugins})
+        sources = (REGISTRIES[part].plugin(name) for part, name in names)
+        return cls(tuple(filter(None, sources)), contents(specs))
+
+    def keep(self, store: Store) -> None:
+        """Write the plug-in sources and input files into a results root."""
+        for data in self.files.values():
+            store_input(store, data)
+        for source in self.sources:
+            store_plugin(store, source)
 
 
 def fetch(store: Store, spec: RunSpec) -> None:

@@ -156,7 +156,7 @@ class RunSpec:
         """
         parts = f"{base_name(self.student)}-{base_name(self.teacher)}"
         readable = re.sub(r"[^0-9a-zA-Z]+", "_", parts).strip("_")
-        run_id = f"{readable}-s{self.seed}-{_digest(self.to_dict())[:12]}"
+        run_id = f"{readable}-s{self.seed}-{spec_digest(_canonical(self.to_dict()))[:12]}"
         if len(run_id) > LONGEST_ID:
             raise ValueError(
                 f"student {self.student!r:.60} and teacher {self.teacher!r:.60} give run ids of "
@@ -175,7 +175,7 @@ class RunSpec:
         content = self.to_dict()
         for name in ("schedule", "test_set", "resets"):
             content.pop(name, None)
-        return int(_digest(content)[:32], 16)
+        return int(spec_digest(_canonical(content))[:32], 16)
 
     def record(self) -> RunRecord:
         """Return the run's row in the table of runs."""
@@ -263,10 +263,6 @@ class RunSpec:
             return cls.from_dict(content)
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise DamagedFileError(f"{where} is not the spec of a run: {error!r:.200}") from error
-
-
-def _digest(content: Mapping[str, Any]) -> str:
-    return spec_digest(_canonical(content))
 
 
 def _canonical(content: Mapping[str, Any]) -> str:
