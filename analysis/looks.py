@@ -1,4 +1,4 @@
-"""Former names of objects in `analysis.teacher_styles`, since published notebooks import them."""
+"""Former names of objects in `analysis.teacher_styles`, kept for published notebooks."""
 
 from analysis.teacher_styles import TeacherStyle as Look
 from analysis.teacher_styles import teacher_style as look

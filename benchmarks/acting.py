@@ -1,4 +1,4 @@
-"""Time to act per observation: of a student, of stable-baselines3's `predict` and of the torch module alone.
+"""Time to act per observation: a student, stable-baselines3's `predict`, and the torch module alone.
 
 All three apply the same network and act greedily. They are measured in turn in one process with one torch
 thread, by processor time:
@@ -28,7 +28,7 @@ BATCHES = (1, 100)
 
 
 def variants(name: str, student: Any, batch: np.ndarray[Any, Any]) -> dict[str, Callable[[], Any]]:
-    """Return the ways to act on `batch` (n, 24) by name; the student's own comes first."""
+    """Return functions that act on `batch` (n, 24), by name; the student's own comes first."""
     model = student.model
     module = model.actor if name == "sac" else model.policy.get_distribution
     seen = student.normaliser.normalise(batch) if name == "ppo" else batch
@@ -53,7 +53,7 @@ def microseconds(call: Callable[[], Any], calls: int) -> float:
 
 
 def measure(name: str, size: int, calls: int, repeats: int) -> dict[str, Any]:
-    """Return the medians of `repeats` alternating rounds, per observation, and ratios to the student's."""
+    """Return the median times per observation over `repeats` rounds, and ratios to the student's."""
     values = {"exploration_steps": 0, "buffer_size": 1} if name == "sac" else {}
     student: Student = make_student(name, *SPACES, np.random.SeedSequence(0), values)
     batch = np.random.default_rng(0).normal(size=(size, 24)).astype(np.float32)
@@ -77,7 +77,7 @@ def measure(name: str, size: int, calls: int, repeats: int) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Print a line per student and batch size and write all of it as JSON."""
+    """Print a line per student and batch size, and write the results as JSON."""
     parser = argparse.ArgumentParser(
         allow_abbrev=False, description=__doc__.splitlines()[0] if __doc__ else None
     )

@@ -1,4 +1,4 @@
-"""Overhead of actors: one run in this process, in a seed actor, and with its teacher in another actor.
+"""Overhead of actors: a run in this process, in a seed actor, and with the teacher in another actor.
 
 Prints JSON. All three write the same result files; only ratios carry over to other machines. The times of
 whole runs include the start of the teacher's process, about a second, during which the first episode waits;
@@ -38,7 +38,7 @@ HYPERPARAMETERS: dict[str, dict[str, int]] = {"ppo": {}, "sac": {"exploration_st
 
 
 def campaign(student: str, steps: int, folder: Path) -> Campaign:
-    """Return a campaign of one run, which is evaluated on three tasks at its start and end only."""
+    """Return a campaign of one run, with evaluations on three tasks at its start and end."""
     space = TaskSpace.from_bounds({"stump_height": (0, 3), "obstacle_spacing": (0, 6)})
     tests = folder / "three.csv"
     tests.write_text(TestSet("three", space.names, space.sample(np.random.default_rng(0), 3)).to_csv())
@@ -52,7 +52,7 @@ def campaign(student: str, steps: int, folder: Path) -> Campaign:
 
 
 def steps_per_second(student: str, steps: int, where: str) -> tuple[float, int]:
-    """Return the speed of a run's training loop, without its set-up, and its number of episodes."""
+    """Return the speed of a run's training loop, without set-up, and the number of episodes."""
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         one, root = campaign(student, steps, folder), folder / "root"
@@ -72,7 +72,7 @@ def steps_per_second(student: str, steps: int, where: str) -> tuple[float, int]:
 
 
 def exchange_milliseconds(episodes: int) -> dict[str, float]:
-    """Return the median time of a report and the next task, in this process and with an actor, in ms."""
+    """Return the median time of an exchange with a teacher in this process and in an actor, in ms."""
     connect(None)
     with tempfile.TemporaryDirectory() as place:
         (spec,) = campaign("ppo", STEPS["ppo"], Path(place)).plan().runs
@@ -92,7 +92,7 @@ def exchange_milliseconds(episodes: int) -> dict[str, float]:
 
 
 def main() -> None:
-    """Measure the students in the three places, in turn."""
+    """Measure the students with all three placements, in turn."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--students", nargs="+", choices=STEPS, default=list(STEPS))
     parser.add_argument("--steps", type=COUNT, help="of each run (ppo 100,000, sac 4,000)")

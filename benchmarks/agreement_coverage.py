@@ -1,4 +1,4 @@
-"""Coverage of intervals of correlations of true effects, by simulation: ``measured/agreement_coverage.csv``.
+"""Simulated coverage of intervals of `effect_correlation`: ``measured/agreement_coverage.csv``.
 
 Effects of teachers and luck of seeds are normal. Both measures of a run have the same signal to noise, and
 their luck is correlated by a half.
@@ -26,14 +26,14 @@ SHARED_LUCK = 0.5
 def simulated(
     rng: np.random.Generator, spaces: int, seeds: int, signal: float, true: float
 ) -> list[dict[int, np.ndarray]]:
-    """Return runs (seeds, 2) of every teacher in every space, with a true correlation of effects."""
+    """Return simulated results (seeds, 2) by space and teacher, with a given correlation of true effects."""
     effects = signal * rng.multivariate_normal([0, 0], [[1, true], [true, 1]], (spaces, TEACHERS))
     luck = rng.multivariate_normal([0, 0], [[1, SHARED_LUCK], [SHARED_LUCK, 1]], (spaces, TEACHERS, seeds))
     return [dict(enumerate(space)) for space in effects[:, :, None] + luck]
 
 
 def coverage(experiments: int) -> pd.DataFrame:
-    """Return mean estimate, share of intervals that hold and median length, for each design."""
+    """Return the mean estimate, and the coverage and median length of intervals, by design."""
     rows = []
     for spaces, seeds, signal, true in itertools.product(SPACES, SEEDS, SIGNALS, TRUE):
         rng = np.random.default_rng([spaces, seeds, int(10 * signal), int(100 * true)])
@@ -68,7 +68,7 @@ def coverage(experiments: int) -> pd.DataFrame:
 def print_coverage(
     coverage: Callable[[int], pd.DataFrame], description: str | None, experiments: int
 ) -> None:
-    """Print a table of simulated experiments as CSV, and write it if the command line names a file.
+    """Print a table of simulated coverage as CSV, and write it to the file of ``--output``.
 
     Args:
         coverage: function of the number of experiments of each row.

@@ -1,4 +1,4 @@
-"""Processor time of the commands that read results, for a root of thousands of runs with files of their own.
+"""Processor time of commands that read results, on a root of thousands of runs in separate files.
 
     python benchmarks/analysis_commands.py --seeds 25 --steps 500000 --output analysis_commands.json
 
@@ -30,7 +30,7 @@ COMMANDS = {
 
 
 def write_separately(root: Path, plan: Plan) -> None:
-    """Write synthetic results of all runs of `plan`, one file a table and run, as before merging."""
+    """Write synthetic results of all runs of a plan, with one file per table and run (not merged)."""
     committer = Committer.open(root)
     committer.write_cells(plan.name, plan.cell_rows)
     store = committer.store
@@ -49,7 +49,7 @@ def write_separately(root: Path, plan: Plan) -> None:
 
 
 def processor_seconds(command: list[str]) -> float:
-    """Return the processor time of `tma-ray` with these arguments, system time included, s."""
+    """Return the processor time of a `tma-ray` command, user and system, in s."""
     before = os.times()
     subprocess.run([sys.executable, "-m", "tma_ray.cli", *command], check=True, stdout=subprocess.DEVNULL)
     after = os.times()
@@ -57,7 +57,7 @@ def processor_seconds(command: list[str]) -> float:
 
 
 def main() -> None:
-    """Print the measured figures and write them as JSON."""
+    """Print the measured times, and write them as JSON."""
     parser = scale_parser(__doc__, Path("build/separate_runs"), Path("analysis_commands.json"))
     arguments = parser.parse_args()
     plan = full_plan(arguments.seeds, arguments.steps)

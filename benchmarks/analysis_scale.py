@@ -1,4 +1,4 @@
-"""Time and memory to load and analyse a results root of the size of the full benchmark, with synthetic rows.
+"""Time and memory to load and analyse synthetic results of the size of the full benchmark.
 
     python benchmarks/analysis_scale.py --output analysis_scale.json
 
@@ -49,7 +49,7 @@ SKILL = {teacher: 0.2 + 0.05 * place for place, teacher in enumerate(TEACHERS)}
 
 
 def full_plan(seeds: int | None, steps: int | None) -> Plan:
-    """Return the full benchmark with a run for every cell and seed, none shared between cells.
+    """Return the plan of the full benchmark, with a separate run for every cell and seed.
 
     Args:
         seeds: of each cell; None for all.
@@ -68,7 +68,7 @@ def full_plan(seeds: int | None, steps: int | None) -> Plan:
 
 
 def write_root(root: Path, plan: Plan) -> None:
-    """Write synthetic results of all runs of `plan`, merged by experiment."""
+    """Write synthetic results of all runs of a plan, merged by experiment."""
     committer = Committer.open(root)
     committer.write_cells(plan.name, plan.cell_rows)
     experiments: dict[str, list[RunSpec]] = {}
@@ -81,7 +81,7 @@ def write_root(root: Path, plan: Plan) -> None:
 
 
 def write_experiment(store: Store, name: str, runs: Sequence[RunSpec]) -> None:
-    """Write one file per table, and a manifest for each run."""
+    """Write the results of an experiment: one file per table, and a manifest per run."""
     slices: dict[str, list[PartFile]] = {spec.run_id: [] for spec in runs}
     for table in DATA_TABLES:
         counts: dict[str, int] = {}
@@ -108,13 +108,13 @@ def write_experiment(store: Store, name: str, runs: Sequence[RunSpec]) -> None:
 
 
 def attempt(spec: RunSpec) -> dict[str, Any]:
-    """Return the row of the one attempt at a run."""
+    """Return a synthetic row of the table of attempts."""
     began = datetime(2026, 1, 1, tzinfo=UTC)
     return vars(AttemptRecord(spec.run_id, 0, began, 1e5, 150.0, "node", "{}", AttemptOutcome.DONE))
 
 
 def synthetic_rows(table: Table, spec: RunSpec) -> pa.Table:
-    """Return synthetic rows of one run for a table that the analysis reads, else none."""
+    """Return synthetic rows of one run in a table, empty if the analysis does not read it."""
     rng = np.random.default_rng([spec.seed, *spec.teacher.encode(), *spec.expert_knowledge.encode()])
     schedule = spec.schedule
     if table is Table.EVALUATIONS:
@@ -169,7 +169,7 @@ def _vectors(tasks: np.ndarray) -> pa.Array:
 
 
 def measure(root: Path) -> dict[str, Any]:
-    """Load `root` and make every table in this process; return sizes, seconds and peak memory."""
+    """Load a root and render all tables; return sizes, seconds and peak memory."""
     from analysis.commands.paper import tables_of
     from analysis.data.loading import load
     from analysis.tables.table import TableFormat, render
@@ -190,7 +190,7 @@ def measure(root: Path) -> dict[str, Any]:
 
 
 def scale_parser(description: str | None, root: Path, output: Path) -> argparse.ArgumentParser:
-    """Return a parser of the runs to write, of their place, and of the place of the figures."""
+    """Return a parser with the options of the runs, their root, and the output file."""
     parser = argparse.ArgumentParser(
         allow_abbrev=False, description=description.splitlines()[0] if description else None
     )
@@ -202,7 +202,7 @@ def scale_parser(description: str | None, root: Path, output: Path) -> argparse.
 
 
 def main() -> None:
-    """Print the measured figures and write them as JSON."""
+    """Print the measurements, and write them as JSON."""
     parser = scale_parser(__doc__, Path("build/full_benchmark"), Path("analysis_scale.json"))
     parser.add_argument("--measure", action="store_true", help="only measure --root, in this process")
     arguments = parser.parse_args()

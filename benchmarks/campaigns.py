@@ -1,4 +1,4 @@
-"""Command line of the benchmarks that are campaigns."""
+"""Command line of benchmarks that are campaigns."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tma_ray.console import command_line
 
 
 def main(campaign: Campaign, description: str, report: Callable[[str], None]) -> int:
-    """Run `campaign` as the command line changes it, then report; return the exit code.
+    """Run a campaign with the options of the command line, then report; return the exit code.
 
     Args:
         campaign: the default; only runs whose results are missing are executed.

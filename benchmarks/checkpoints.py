@@ -1,4 +1,4 @@
-"""Cost of a checkpoint, in bytes and seconds: of SAC with a full replay buffer, and of PPO.
+"""Size and time of checkpoints: of SAC with a full replay buffer, and of PPO.
 
 Prints JSON. Later checkpoints write only what has changed: compare them with the full one of the same run.
 
@@ -41,7 +41,7 @@ def new_run(student: str, store: Store, attempt: int) -> Run:
 
 
 def fill(run: Run, count: int, rng: np.random.Generator) -> None:
-    """Let the student of `run`, which does not train, observe `count` random transitions."""
+    """Add `count` random transitions to the replay buffer of a run, without training."""
     spaces = run.environment.observation_space, run.environment.action_space
     shape, action_shape = (space.shape or () for space in spaces)
     observations = rng.standard_normal((EPISODE_STEPS + 1, *shape), dtype=np.float32)
@@ -55,14 +55,14 @@ def fill(run: Run, count: int, rng: np.random.Generator) -> None:
 
 
 def timed_save(run: Run, checkpoints: Checkpoints) -> dict[str, float]:
-    """Return the megabytes and seconds that a checkpoint takes."""
+    """Save a checkpoint; return its megabytes and seconds."""
     start = time.perf_counter()
     size = checkpoints.save(run, (), "benchmark")
     return {"megabytes": size / 1e6, "seconds": time.perf_counter() - start}
 
 
 def measure(student: str, transitions: int, more: Sequence[int]) -> dict[str, Any]:
-    """Return the cost of a first checkpoint, of one after each of `more` transitions, and of a restore."""
+    """Return sizes and times of a first checkpoint, of ones after `more` transitions, and of a restore."""
     rng = np.random.default_rng(0)
     with tempfile.TemporaryDirectory() as place:
         store = Store.open(place)

@@ -1,4 +1,4 @@
-"""Standings of claims: the paper's by its own tables, and simulated ones of known effect.
+"""Verdicts on claims: the paper's by its own tables, and simulated statements with known effects.
 
     python benchmarks/claim_standings.py
 
@@ -36,7 +36,7 @@ STATEMENTS: dict[str, Callable[[Comparison], Standing]] = {
 
 
 def standings(difference: float, seeds: int, challenges: int, experiments: int) -> dict[str, list[float]]:
-    """Return the shares of experiments in which each statement is supported, undecided and refuted, in %."""
+    """Return the % of experiments in which statements are supported, undecided and refuted."""
     rng = np.random.default_rng([int(difference), seeds, challenges])
     order = [Standing.SUPPORTED, Standing.UNDECIDED, Standing.REFUTED]
     counts = {name: np.zeros(3) for name in STATEMENTS}
@@ -54,12 +54,12 @@ def _sample(values: np.ndarray, prefix: str) -> pd.Series:
 
 
 def of_the_paper() -> list[tuple[str, str, str]]:
-    """Return each of the paper's claims with its standing by the paper's tables."""
+    """Return the paper's claims with the verdicts of the paper's own tables."""
     return [(each.claim.text, each.standing, each.describe()) for each in judge(PaperSource())]
 
 
 def main() -> None:
-    """Print the paper's claims, then shares of simulated ones: supported / undecided / refuted."""
+    """Print the verdicts on the paper's claims, and the shares of verdicts on simulated statements."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--experiments", type=int, default=2_000, help="simulated for each row (%(default)s)")
     experiments = parser.parse_args().experiments

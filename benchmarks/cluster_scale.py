@@ -1,4 +1,4 @@
-"""Scale of the driver: runs of simulated students on a cluster of 64 places, stopped half-way and resumed.
+"""Scale of the driver: a campaign of simulated students on 64 CPUs, stopped half-way and resumed.
 
 Prints JSON. The cluster has four raylets of 16 places and a head; a few processes train the students of all
 places. Everything else is what a campaign has: the driver joins the cluster, every run is started, polled,
@@ -50,7 +50,7 @@ WARM = 200
 
 
 class Trainer:
-    """An actor that trains simulated students, one after the other."""
+    """Actor that trains simulated students, one after the other."""
 
     def run(self, spec: dict[str, Any], store: Store, number: int) -> tuple[PartFile, ...]:
         """Return the result files of a run."""
@@ -74,7 +74,7 @@ class Trainer:
             writer.add(Table.EVALUATIONS, rows)
         return writer.finish()
 
-    @ray.method(concurrency_group="reports")  # which wait for no run, as those of seed actors
+    @ray.method(concurrency_group="reports")  # not blocked by runs, as in seed actors
     def nothing(self) -> None:
         """Do nothing."""
 
@@ -83,7 +83,7 @@ RemoteTrainer: Any = ray.remote(concurrency_groups={"reports": 1})(Trainer)  # t
 
 
 class Student(Substitute):
-    """Stands in for a `SeedActor` with the process of a trainer."""
+    """Substitute for a `SeedActor` that runs in the process of a trainer."""
 
     def __init__(self, spec: dict[str, Any], store: Store, number: int, *_: Any) -> None:
         trainer = self.players[Substitute.launched % len(self.players)]
@@ -93,7 +93,7 @@ class Student(Substitute):
 
 
 class Driver:
-    """The driver of a campaign, and what it has used so far.
+    """Driver of a campaign, with measurements of its time and memory.
 
     Args:
         root: of the results.
@@ -107,7 +107,7 @@ class Driver:
     def execute(
         self, runs: list[RunSpec], last: float = math.inf, done_before: int = 0
     ) -> tuple[Snapshot, dict[str, float]]:
-        """Execute runs until `last` of them have been started; return how it ended and what it took."""
+        """Execute runs until `last` of them were started; return the final state and the measurements."""
         memory: list[tuple[int, int]] = []
         start, cpu, before = time.perf_counter(), self._process.cpu_times(), Substitute.launched
         first = 0.0
@@ -139,7 +139,7 @@ class Driver:
 
 
 def measure(count: int, root: str) -> dict[str, Any]:
-    """Return what a campaign of `count` runs takes up to its half, and from there to its end."""
+    """Measure a campaign of `count` runs up to its half, and from there to its end."""
     cell = effective_spec(Cell(student="ppo", teacher="random"), 0, Schedule(steps=1))
     runs = [replace(cell, seed=seed) for seed in range(count)]
     cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 0, "include_dashboard": False})
@@ -164,7 +164,7 @@ def measure(count: int, root: str) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Measure a campaign."""
+    """Measure a campaign, and print and write the results."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--runs", type=int, default=2000, help="of the campaign (%(default)s)")
     parser.add_argument("--output", type=Path)

@@ -1,4 +1,4 @@
-"""Speed and independence of stacked learners, without Ray, in one command of a few minutes.
+"""Speed of stacked learners, and independence of their slots, without Ray, in a few minutes.
 
     python benchmarks/cohort.py
     python benchmarks/cohort.py --device cuda --widths 16,48 --precisions highest,high,medium --compiled 0,1
@@ -56,7 +56,7 @@ PREPARATION = 120.0
 
 
 class SAC:
-    """Updates of SAC on noise: what `speed` and `independent` need of a student."""
+    """Updates of SAC on random data, for `speed` and `independent`."""
 
     def stack(self, options: argparse.Namespace, width: int, precision: str, compiled: bool) -> StackedSAC:
         """Return an empty stack."""
@@ -66,7 +66,7 @@ class SAC:
         )
 
     def fill(self, stack: StackedSAC, slot: int, seed: int) -> None:
-        """Give `slot` networks and a replay that follow from `seed`."""
+        """Fill a slot with networks and a replay buffer that depend only on `seed`."""
         generator = np.random.default_rng(seed)
         actor, critics, targets = (_noise(generator, part.shape) for part in stack.networks(slot)[:3])
         zeros = np.zeros_like(actor), np.zeros_like(critics)
@@ -79,7 +79,7 @@ class SAC:
             stack.store(slot, observations, actions, rewards, True)
 
     def alone(self) -> Callable[[], object]:
-        """Return the update of a run that learns alone."""
+        """Return the update function of a single run."""
         size, (observation, action) = SACHyperparameters.batch_size, SIZES
         student = student_sac.SAC(*SPACES, SACHyperparameters(), np.random.SeedSequence(0))
         shapes = observation, action, observation, 1, 1
@@ -87,12 +87,12 @@ class SAC:
         return lambda: student.update(batch)
 
     def work(self, stack: StackedSAC, slot: int) -> None:
-        """Let the run in `slot` owe ten updates."""
+        """Request ten updates of a slot."""
         stack.owe(slot, 10)
 
 
 class PPO:
-    """Updates of PPO on noise; see `SAC`."""
+    """Updates of PPO on random data; see `SAC`."""
 
     def stack(self, options: argparse.Namespace, width: int, precision: str, compiled: bool) -> StackedPPO:
         """Return an empty stack."""
@@ -100,13 +100,13 @@ class PPO:
         return StackedPPO(SIZES, hyper, width, torch.device(options.device), **_mode(options, compiled))
 
     def fill(self, stack: StackedPPO, slot: int, seed: int) -> None:
-        """Give `slot` networks that follow from `seed`."""
+        """Fill a slot with networks that depend only on `seed`."""
         parameters = _noise(np.random.default_rng(seed), stack.networks(slot).parameters.shape)
         zeros = np.zeros_like(parameters)
         stack.join(slot, PPONetworks(parameters, zeros, zeros, 0))
 
     def alone(self) -> Callable[[], object]:
-        """Return the update of a run that learns alone."""
+        """Return the update function of a single run."""
         size = PPOHyperparameters.batch_size
         student = student_ppo.PPO(*SPACES, PPOHyperparameters(), np.random.SeedSequence(0))
         steps = [0.1 * torch.randn(size, each) for each in SIZES]
@@ -114,7 +114,7 @@ class PPO:
         return lambda: student.update.train_on(batch)
 
     def work(self, stack: StackedPPO, slot: int) -> None:
-        """Let the run in `slot` owe the updates of a rollout."""
+        """Store a rollout in a slot, for the updates of PPO."""
         generator, hyper = np.random.default_rng(slot), PPOHyperparameters()
         count = hyper.steps_per_update
         steps = [_noise(generator, (count, size)) for size in SIZES]
@@ -135,20 +135,20 @@ def _mode(options: argparse.Namespace, compiled: bool) -> dict[str, Any]:
 
 
 def wait(device: torch.device) -> None:
-    """Wait for what a GPU was asked to do."""
+    """Wait for pending operations of a GPU."""
     if device.type == "cuda":
         torch.cuda.synchronize(device)
 
 
 def advance(student: str, stack: Any, updates: int) -> None:
-    """Make updates of all slots, which get new work where they have none left."""
+    """Update all slots, after new work for those without any."""
     for slot in np.flatnonzero(stack.owed == 0):
         STUDENTS[student].work(stack, int(slot))
     stack.advance(updates)
 
 
 def speed(options: argparse.Namespace, student: str, width: int, *variant: Any) -> dict[str, Any]:
-    """Measure updates of a full stack."""
+    """Measure the updates of a full stack."""
     device = torch.device(options.device)
     torch.set_num_threads(1)
     stack = STUDENTS[student].stack(options, width, *variant)
@@ -180,7 +180,7 @@ def speed(options: argparse.Namespace, student: str, width: int, *variant: Any) 
 
 
 def _alone_ms(student: str, seconds: float) -> float:
-    """Return how long an update of a run takes that learns alone, ms."""
+    """Return the processor time of an update of a single run, in ms."""
     update = STUDENTS[student].alone()
     update()
     count, started = 0, time.process_time()
@@ -191,7 +191,7 @@ def _alone_ms(student: str, seconds: float) -> float:
 
 
 def independent(options: argparse.Namespace, student: str, width: int, *variant: Any) -> bool:
-    """Return True if 50 updates give the same bits alone and with neighbours that come and go."""
+    """Return True if 50 updates of a slot give the same bits alone and with changing neighbours."""
     own, results = STUDENTS[student], []
     for neighbours in (False, True):
         stack = own.stack(options, width, *variant)
@@ -208,7 +208,7 @@ def independent(options: argparse.Namespace, student: str, width: int, *variant:
 
 
 def table(rows: list[dict[str, Any]]) -> str:
-    """Return the measurements as a table."""
+    """Return the measurements as a Markdown table."""
     names = (
         "student",
         "width",
@@ -226,7 +226,7 @@ def table(rows: list[dict[str, Any]]) -> str:
 
 
 def variants(options: argparse.Namespace) -> Iterator[tuple[str, int, str, bool]]:
-    """Yield student, width, precision, and whether updates are compiled."""
+    """Yield the variants to measure: student, width, precision, and True for compiled updates."""
     widths = [int(width) for width in options.widths.split(",")]
     compiled = [bool(int(flag)) for flag in options.compiled.split(",")]
     students, precisions = options.students.split(","), options.precisions.split(",")
@@ -235,12 +235,12 @@ def variants(options: argparse.Namespace) -> Iterator[tuple[str, int, str, bool]
 
 
 def longest(options: argparse.Namespace, compiled: bool) -> float:
-    """Return how long a variant may take, s: a compiler that tunes itself takes minutes."""
+    """Return the longest time of a variant, s; an autotuning compiler takes minutes."""
     return 3 * float(options.seconds) + (200.0 if compiled else 20.0)
 
 
 def parser() -> argparse.ArgumentParser:
-    """Return the options."""
+    """Return the parser of the command line."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=str(__doc__))
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--students", default="sac,ppo")
@@ -256,7 +256,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def main() -> int:
-    """Measure, prints and writes."""
+    """Measure all variants, and print and write the results."""
     options = parser().parse_args()
     rows: list[dict[str, Any]] = []
     deadline = time.monotonic() + 60 * options.minutes

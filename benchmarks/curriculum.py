@@ -1,4 +1,4 @@
-"""Cost of a curriculum: an exchange with its process, and the training step of PPO with a teacher.
+"""Cost of a curriculum: an exchange with its process, and a training step of PPO with a teacher.
 
     python benchmarks/curriculum.py --output curriculum.json
 
@@ -33,21 +33,21 @@ TEACHER_SECONDS = 1e-3  # time of the teacher for each episode, s
 
 
 class SlowTeacher(Teacher):
-    """Teacher that proposes uniform tasks, and takes its time to observe an episode."""
+    """Teacher of uniform tasks with a slow `observe`."""
 
     def sample(self) -> Task:
         """Return a uniform task (d,)."""
         return self.space.sample(self.rng)
 
     def observe(self, episode: Episode) -> None:  # noqa: ARG002
-        """Spend `TEACHER_SECONDS`."""
+        """Busy-wait for `TEACHER_SECONDS`."""
         end = time.perf_counter() + TEACHER_SECONDS
         while time.perf_counter() < end:
             pass
 
 
 def exchanges(handle: SharedCurriculum, count: int, results: Any) -> None:
-    """Put the milliseconds of `count` exchanges, half of them for a task and half for an episode."""
+    """Put the times of `count` exchanges (ms) into `results`: half for a task, half for an episode."""
     handle.abandon(handle.begin().number)
     times = []
     for _ in range(count // 2):
@@ -60,7 +60,7 @@ def exchanges(handle: SharedCurriculum, count: int, results: Any) -> None:
 
 
 def exchange_milliseconds(count: int) -> dict[str, float]:
-    """Return median and 99th percentile of an exchange, in ms."""
+    """Return median and 99th percentile of the time of an exchange, in ms."""
     context = multiprocessing.get_context("spawn")
     curriculum = Curriculum("random", SPACE, mastery_return=0.0)
     results = context.Queue()
@@ -72,7 +72,7 @@ def exchange_milliseconds(count: int) -> dict[str, float]:
 
 
 def set_task(environment: Any, task: Mapping[str, float]) -> None:
-    """Set mass and length of a pendulum."""
+    """Set the mass and the length of a pendulum."""
     environment.unwrapped.m, environment.unwrapped.l = task["mass"], task["length"]
 
 
@@ -84,7 +84,7 @@ def step_microseconds(model: PPO) -> float:
 
 
 def training_microseconds(turns: int) -> list[tuple[float, float]]:
-    """Return the processor time of a training step alone and with a teacher, of each turn, in µs."""
+    """Return the processor times of a training step without and with a teacher, by turn, in µs."""
     curriculum = Curriculum(SlowTeacher, SPACE, mastery_return=-300.0)
     alone: Any = gymnasium.make("Pendulum-v1")
     taught = curriculum.wrap(gymnasium.make("Pendulum-v1"), set_task)
@@ -95,7 +95,7 @@ def training_microseconds(turns: int) -> list[tuple[float, float]]:
 
 
 def main() -> None:
-    """Measure both."""
+    """Measure exchanges and training steps."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--exchanges", type=int, default=4_000)
     parser.add_argument("--turns", type=int, default=30, help="turns of 512 training steps, of each")

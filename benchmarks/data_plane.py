@@ -1,4 +1,4 @@
-"""Time of an exchange between a player and its learner: socket and shared memory of a node, or Ray's calls.
+"""Time of an exchange between player and learner: by socket and shared memory, or by calls of Ray.
 
     python benchmarks/data_plane.py
 
@@ -34,19 +34,19 @@ WARM_UP = 20
 
 
 def experience() -> tuple[Any, ...]:
-    """Return what SAC's player hands over after an episode."""
+    """Return the experience of an episode of SAC, as sent by a player."""
     observations = np.zeros((STEPS + 1, OBSERVATION), np.float32)
     return observations, np.zeros((STEPS, ACTION), np.float32), np.zeros(STEPS, np.float32), True
 
 
 def weights() -> np.ndarray:
-    """Return as many parameters as SAC's actor has."""
+    """Return weights of the size of SAC's actor."""
     sizes = OBSERVATION, *HIDDEN, 2 * ACTION
     return np.zeros(sum((i + 1) * o for i, o in pairwise(sizes)), np.float32)
 
 
 class Idle(LearnerServer):
-    """A learner that learns nothing."""
+    """Learner without updates."""
 
     def _join_for(self, _: Any, __: Any) -> Any:
         return weights()
@@ -58,7 +58,7 @@ class Idle(LearnerServer):
 
 
 class Learning:
-    """The same behind calls, too."""
+    """Actor with an `Idle` learner behind a socket, and the same exchange as a call."""
 
     def __init__(self, folder: str) -> None:
         self._learner, self._weights = Learner(f"{folder}/learner", b"key"), weights()
@@ -66,11 +66,11 @@ class Learning:
         threading.Thread(target=server.serve, args=(lambda: False,), daemon=True).start()
 
     def address(self) -> Learner:
-        """Return where it listens."""
+        """Return the address of the learner."""
         return self._learner
 
     def seconds(self) -> float:
-        """Return the time of its processor so far, s."""
+        """Return the processor time of the learner so far, s."""
         return time.process_time()
 
     def learn(self, _experience: tuple[Any, ...], _updates: int) -> np.ndarray:
@@ -79,17 +79,17 @@ class Learning:
 
 
 class Playing:
-    """A player that plays nothing."""
+    """Player without environment."""
 
     def socket(self, learner: Learner, count: int) -> float:
-        """Return the median time of an exchange over the learner's socket, s."""
+        """Return the median time of an exchange over the socket, s."""
         link, handed = LearnerLink(learner), experience()
         membership: Any = None
         link.join(membership)
         return median(lambda: link.learn(handed, STEPS // 10), count)
 
     def calls(self, actor: Any, count: int) -> float:
-        """Return the median time of a call of the learner's actor, s."""
+        """Return the median time of an exchange by a call of the actor, s."""
         handed = experience()
         return median(lambda: ray.get(actor.learn.remote(handed, STEPS // 10)), count)
 
@@ -107,7 +107,7 @@ def median(exchange: Callable[[], object], count: int) -> float:
 
 
 def main() -> int:
-    """Measure and prints."""
+    """Measure both ways, and print the times."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=str(__doc__))
     parser.add_argument("--exchanges", type=int, default=500, help="of each kind")
     count = parser.parse_args().exchanges

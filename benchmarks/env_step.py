@@ -1,4 +1,4 @@
-"""Time of an environment's step and reset with both engines, and of the bare simulation inside a step.
+"""Time of an environment's step and reset with both engines, and of the bare simulation of a step.
 
 Prints a line per task and writes JSON. Only ratios carry over to other machines: all variants are measured in
 turn within one run, by processor time.
@@ -64,7 +64,7 @@ Actions = NDArray[np.float32]
 
 
 def simulate(floats: Floats, integers: Integers, actions: Actions) -> None:
-    """Commands the motors and advances Chipmunk under each of `actions`, and does nothing else."""
+    """Command the motors and advance Chipmunk under all of `actions`, without anything else."""
     body, simulation = body_in(floats, integers), simulation_in(floats, integers)
     substeps, motor_substeps = integers[SUBSTEPS], integers[MOTOR_SUBSTEPS]
     for action in actions:
@@ -73,7 +73,7 @@ def simulate(floats: Floats, integers: Integers, actions: Actions) -> None:
         advance(simulation, substeps, motor_substeps, floats[DURATION], integers[COUNT_CONTACT])
 
 
-# Not cached on disk: `tma_ray.support.jit.kernel` would not notice that the kernels called here have changed.
+# Not cached on disk, since the cache would not notice changes of the kernels that are called.
 compiled_simulate: Any = numba.njit(simulate)
 
 
@@ -85,14 +85,14 @@ def seconds(function: Callable[[], object]) -> float:
 
 
 def environment(world: str, body: str, engine: str) -> BodyEnvironment:
-    """Return an environment that uses the engine named `engine`, whichever is the default here."""
+    """Return an environment with the named engine instead of the default."""
     env = WORLDS[world][0](embodiment=body)
     env._engine = ENGINES[engine](env.embodiment, env.rules)
     return env
 
 
 def play(env: gymnasium.Env[Any, Any], task: list[float], actions: Actions) -> list[int]:
-    """Play `actions`, starting a new episode whenever one ends; return the episodes' lengths."""
+    """Play `actions` over one episode after another; return the lengths of the episodes."""
     lengths = [0]
     env.reset(seed=0, options={"task": task})
     for action in actions:
@@ -121,7 +121,7 @@ def reset_seconds(env: BodyEnvironment, task: list[float]) -> float:
 
 
 def measure(world: str, body: str, task: list[float], steps: int, box2d: bool) -> dict[str, float]:
-    """Return microseconds of steps (resets included), of resets, and of the simulation in a step.
+    """Return the times of steps (including resets), of resets, and of the simulation in a step, in µs.
 
     Parkour has no figure for the bare simulation: forces of the water and grips are computed outside it. With
     `box2d`, Gymnasium's walker plays a tenth of the steps, without wrappers either.
@@ -150,7 +150,7 @@ def measure(world: str, body: str, task: list[float], steps: int, box2d: bool) -
 
 
 def main() -> None:
-    """Measure every chosen body in every task of the chosen environments."""
+    """Measure all chosen bodies on all tasks of the chosen environments."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--steps", type=int, default=20_000, help="steps per task and repeat")
     parser.add_argument("--repeats", type=int, default=3, help="repeats, of which the median counts")
@@ -163,7 +163,7 @@ def main() -> None:
     for world, body in itertools.product(arguments.environments, arguments.bodies):
         for name, task in WORLDS[world][1].items():
             measured = partial(measure, world, body, task, box2d=arguments.box2d)
-            measured(min(100, arguments.steps))  # compiles
+            measured(min(100, arguments.steps))  # compiles the kernels
             repeats = [measured(arguments.steps) for _ in range(arguments.repeats)]
             row = {key: statistics.median(repeat[key] for repeat in repeats) for key in repeats[0]}
             results[f"{world}, {body}, {name}"] = row

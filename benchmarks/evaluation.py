@@ -45,13 +45,13 @@ def walker(steps: int) -> Student:
 
 
 class Timed:
-    """A student whose time spent acting is summed up."""
+    """Student with a measurement of the time spent acting."""
 
     def __init__(self, student: Student) -> None:
         self.student, self.seconds = student, 0.0
 
     def act_greedily(self, observations: Observations) -> Actions:
-        """Act as the student does."""
+        """Return the student's actions, and measure the time."""
         start = time.process_time()
         actions = self.student.act_greedily(observations)
         self.seconds += time.process_time() - start
@@ -59,7 +59,7 @@ class Timed:
 
 
 def in_lock_step(evaluation: Evaluation, student: Student) -> dict[str, float]:
-    """Play the test set; return steps, and microseconds per step, of which acting takes a part."""
+    """Play the test set in lock-step; return steps, and microseconds per step with the share of acting."""
     timed = Timed(student)
     start = time.process_time()
     rows = evaluation(timed.act_greedily)
@@ -74,7 +74,7 @@ def in_lock_step(evaluation: Evaluation, student: Student) -> dict[str, float]:
 
 
 def one_by_one(spec: RunSpec, student: Student) -> dict[str, float]:
-    """Play a tenth of the test set one task after the other."""
+    """Play a tenth of the test set, one task after the other; return microseconds per step."""
     environment = make_environment(spec.environment, **arguments(spec, "environment"))
     steps, start = 0, time.process_time()
     for index, seed in list(enumerate(evaluation_seeds(spec.test_set)))[::10]:
@@ -104,7 +104,7 @@ def measure(student: Student, repeats: int) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Measure both ways in one run."""
+    """Measure both ways in turn."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--training-steps", type=int, default=1_000_000)
     parser.add_argument("--repeats", type=int, default=3)

@@ -1,4 +1,4 @@
-"""Tests over challenges on a release: pairs they decide, and how often they find what is not there.
+"""Tests over challenges on a release: numbers of decided pairs, and familywise error rates.
 
     python benchmarks/familywise_error.py
 
@@ -34,7 +34,7 @@ Floats = NDArray[np.float64]
 
 
 class Release(NamedTuple):
-    """Runs of teachers that have all seeds on all challenges.
+    """Results of teachers with all seeds on all challenges.
 
     Attributes:
         values: percentages of a measure (cells, teachers, seeds); cells are challenges and bodies.
@@ -48,7 +48,7 @@ class Release(NamedTuple):
 
 
 class Tests(NamedTuple):
-    """Welch and Satterthwaite's tests of all pairs of teachers over cells (pairs,)."""
+    """Welch-Satterthwaite tests of all pairs of teachers over cells (pairs,)."""
 
     difference: Floats
     error: Floats
@@ -68,7 +68,7 @@ class Families(NamedTuple):
 
 
 def released(runs: pd.DataFrame, measure: str) -> Release:
-    """Return what the core of a release has of `measure`, of `runs_after`."""
+    """Return the results of a release in a measure, from rows of `runs_after`."""
     table = runs.pivot_table(index=["challenge", "embodiment"], columns=["teacher", "seed"], values=measure)
     teachers = list(table.columns.unique("teacher"))
     challenges = table.index.get_level_values("challenge").to_series().reset_index(drop=True)
@@ -78,12 +78,12 @@ def released(runs: pd.DataFrame, measure: str) -> Release:
 
 
 def on_scale(values: Floats, scale: Scale) -> Floats:
-    """Return percentages on a scale, in their shape."""
+    """Convert percentages of any shape to a scale."""
     return scale.of(pd.Series(values.ravel())).to_numpy(float).reshape(values.shape)
 
 
 def welch(values: Floats, weights: Floats, least: float = 0.0) -> Tests:
-    """Return Welch and Satterthwaite's test of each pair (..., pairs) over cells.
+    """Return the Welch-Satterthwaite tests of all pairs (..., pairs) over cells.
 
     Args:
         values: results of runs (..., cells, teachers, seeds).
@@ -105,7 +105,7 @@ def welch(values: Floats, weights: Floats, least: float = 0.0) -> Tests:
 
 
 def by_permutation(values: Floats, release: Release) -> Families:
-    """Return the step-down max-t p of Westfall and Young (1993): runs change teachers within their cell."""
+    """Return step-down max-t p-values (Westfall and Young, 1993), permuting runs within cells."""
     cells, teachers, n = values.shape
     order = np.argsort(np.random.default_rng(0).random((PERMUTATIONS, cells, teachers * n)), axis=-1)
     shuffled = np.take_along_axis(values.reshape(1, cells, -1), order, -1).reshape(-1, cells, teachers, n)
@@ -127,7 +127,7 @@ def _step_down(found: Floats, drawn: Floats) -> Floats:
 
 
 def by_holm(values: Floats, release: Release, least: float = 0.0) -> Families:
-    """Return Welch and Satterthwaite's p with Holm's correction."""
+    """Return p-values of Welch-Satterthwaite tests with Holm's correction."""
     p = welch(values, release.weights, least).p
     return Families(holm(p), holm(p[_of_random(release)]))
 
@@ -145,7 +145,7 @@ METHODS: dict[str, Callable[[Floats, Release], Families]] = {
 
 
 def simulated(release: Release, seeds: int, experiments: int, *, half: bool) -> list[str]:
-    """Return the share of experiments with a false finding, and that in which all intervals hold, in %.
+    """Return the % of experiments with a false finding, and of those in which all intervals cover.
 
     Of all pairs, of Random's pairs, and of those of a newcomer, the last teacher, whose tests have the least
     variances of the others.
@@ -192,7 +192,7 @@ def simulated(release: Release, seeds: int, experiments: int, *, half: bool) -> 
 
 
 def main() -> None:
-    """Print the pairs that each test decides, its false findings, and how often its intervals hold."""
+    """Print the decided pairs, false findings and coverage of all tests."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--experiments", type=int, default=1_000, help="simulated for each row (%(default)s)")
     parser.add_argument("--release", default="lite-2", help="release whose runs are taken (%(default)s)")

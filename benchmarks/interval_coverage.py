@@ -29,23 +29,23 @@ Draw = Callable[[np.random.Generator, float, tuple[int, ...]], Floats]
 
 
 def normal(rng: np.random.Generator, shift: float, shape: tuple[int, ...]) -> Floats:
-    """Return standard normal values, moved by `shift`."""
+    """Return normal values with mean `shift` and deviation 1."""
     return rng.normal(shift, 1.0, shape)
 
 
 def bounded(rng: np.random.Generator, shift: float, shape: tuple[int, ...]) -> Floats:
-    """Return per cents of mastered tasks of a hard challenge: many at 0."""
+    """Return percentages of mastered tasks as on a hard challenge, many of them 0."""
     return np.clip(rng.normal(10.0 + 10.0 * shift, 12.0, shape), 0.0, 100.0)
 
 
 def bimodal(rng: np.random.Generator, shift: float, shape: tuple[int, ...]) -> Floats:
-    """Return per cents of mastered tasks of a student that learns in some runs only."""
+    """Return percentages of mastered tasks of a student that learns in about half of the runs."""
     learns = rng.random(shape) < 0.5 + 0.1 * shift
     return np.where(learns, rng.normal(80.0, 8.0, shape), rng.normal(5.0, 3.0, shape)).clip(0.0, 100.0)
 
 
 def coverage(draw: Draw, strata: int, n: int, experiments: int) -> tuple[float, ...]:
-    """Return how often intervals hold: of a mean, a difference, and the three estimates.
+    """Return the coverage of intervals of a mean, a difference, and the three estimates of `estimates`.
 
     Experiments in which runs are all the same, so that there is no interval, do not count.
     """
@@ -85,7 +85,7 @@ def coverage(draw: Draw, strata: int, n: int, experiments: int) -> tuple[float, 
 
 
 def main() -> None:
-    """Print the table."""
+    """Print the coverage of all distributions and sizes as CSV."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--experiments", type=int, default=4_000, help="simulated for each row (%(default)s)")
     experiments = parser.parse_args().experiments

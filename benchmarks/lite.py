@@ -17,7 +17,7 @@ from tma_ray.runs import Schedule
 
 
 def plan(experiment: Experiment, stage: str | None) -> Plan:
-    """Return the runs of a stage of `experiment`, of all stages for None."""
+    """Return the plan of a stage of an experiment, or of all stages."""
     size = experiment.size
     intervals = size.evaluation_interval, size.probe_interval, size.training_window
     assert all(intervals), "a release has intervals of its own"
@@ -29,7 +29,7 @@ def plan(experiment: Experiment, stage: str | None) -> Plan:
 
 
 def main() -> int:
-    """Run what is missing."""
+    """Execute the runs that are missing."""
     options = parser(str(__doc__))
     options.add_argument("--experiment", default="lite_2", choices=("lite_1", "lite_2", "long_1"))
     options.add_argument("--stage", help="stage of the experiment; all of them by default")

@@ -38,7 +38,7 @@ CAMPAIGN = Campaign(
 
 
 def random_return(challenge: str, body: str) -> float:
-    """Return the mean return of uniformly random actions on the test tasks of `challenge`."""
+    """Return the mean return of uniformly random actions on the test tasks of a challenge."""
     environment = make_environment("parkour", embodiment=body)
     tasks, rng = load_test_set(find_challenge("parkour", challenge).test_set).tasks, np.random.default_rng(0)
     total = 0.0
@@ -67,7 +67,7 @@ def bootstrap(returns: Floats, resamples: int = 10_000) -> tuple[float, float]:
 
 
 def summarise(root: str) -> None:
-    """Print the curves of every challenge, and the last mean return over the seeds with 95 % intervals."""
+    """Print the learning curves of all challenges, and the final mean returns with 95 % intervals."""
     results = Results.open(root)
     cells = results.table(Table.CELLS).to_pandas()[["run_id", "challenge", "seed"]]
     rows = results.table(Table.EVALUATIONS).to_pandas().merge(cells, on="run_id")

@@ -1,4 +1,4 @@
-"""What runs of the same seed have in common, and whether pairing them by seed would help, without Ray.
+"""Correlation of runs with the same seed, and the benefit of pairing them in tests, without Ray.
 
     python benchmarks/pairing.py --processes 2 --results build/pairing
     python benchmarks/pairing.py --csv benchmarks/measured/pairing.csv benchmarks/measured/sensitivity.csv
@@ -35,14 +35,14 @@ CELL = ["embodiment", "teacher", "student"]
 
 
 def plan(seeds: int) -> Plan:
-    """Return the runs of the first `seeds` of each teacher."""
+    """Return a plan with the first `seeds` of all teachers."""
     cells = tuple(Cell(challenge="rugged_difficulty", teacher=name, student="ppo") for name in TEACHERS)
     schedule = Schedule(40_000, 40_000, 40_000, training_window=20_000)
     return joined_plan("pairing", [CampaignSpec("pairing", cells, tuple(range(seeds)), schedule)])
 
 
 def told(name: str, table: pd.DataFrame) -> list[str]:
-    """Return what pairing gives at the ends of runs, a line for each measure and challenge.
+    """Return the effect of pairing at the ends of runs as CSV lines, by measure and challenge.
 
     Args:
         name: of the results.
@@ -68,7 +68,7 @@ def told(name: str, table: pd.DataFrame) -> list[str]:
 
 
 def released(name: str) -> pd.DataFrame:
-    """Return the evaluations of a release or results root as `told` takes them, each run once."""
+    """Return the evaluations of a release or results root in the format of `told`."""
     frames = analysis.load(name)
     runs = frames.cells.drop_duplicates("run_id")[["run_id", "challenge", *CELL, "expert_knowledge", "seed"]]
     runs = runs.astype(dict.fromkeys(("challenge", *CELL, "expert_knowledge"), str))
@@ -79,14 +79,14 @@ def released(name: str) -> pd.DataFrame:
 
 
 def _widths(first: pd.Series, second: pd.Series) -> tuple[float, float]:
-    """Return the widths of Welch's interval and of the paired one."""
+    """Return the widths of Welch's interval and of the paired interval."""
     apart = welch(first.add_prefix("first"), second.add_prefix("second"))
     pairs = paired(first, second)
     return apart.high - apart.low, pairs.high - pairs.low
 
 
 def main() -> int:
-    """Run what is missing, or read tables; print what pairing gives."""
+    """Execute missing runs, or read tables; print the effect of pairing."""
     options = parser(str(__doc__))
     options.add_argument("--seeds", type=int, default=6, help="of every cell")
     options.add_argument("--baselines", nargs="+", default=(), help="releases or roots, to read instead")

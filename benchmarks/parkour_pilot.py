@@ -1,4 +1,4 @@
-"""The pilot of docs/long_runs.md, which chooses the student of the long runs, without Ray.
+"""Pilot of docs/long_runs.md, which selects the student of the long runs, without Ray.
 
     python benchmarks/parkour_pilot.py --results build/parkour_pilot --processes 1 --minutes 600
     python benchmarks/parkour_pilot.py --tables
@@ -45,7 +45,7 @@ ENOUGH = 0.95
 
 
 def plan() -> Plan:
-    """Return the 16 runs, first seeds first."""
+    """Return the plan of the 16 runs, ordered by seed."""
     cells = tuple(
         Cell("parkour", "original", body, student, teacher, KnowledgeLevel.LOW)
         for student in STUDENTS
@@ -58,12 +58,12 @@ def plan() -> Plan:
 
 
 def of_student(runs: pd.DataFrame, student: str) -> pd.DataFrame:
-    """Return the runs of a student, whichever way its settings are written."""
+    """Return the runs of a student, given any spelling of its settings."""
     return runs[runs["student"] == canonical_student(student)]
 
 
 def chosen_student(evaluations: pd.DataFrame) -> str:
-    """Return the student that the first rule of the page chooses."""
+    """Return the student that is selected by the first rule of the page."""
     runs = areas(evaluations)
     signals = {student: noise_of(of_student(runs, student), "last_three").value for student in STUDENTS}
     best, other = sorted(STUDENTS, key=lambda student: -signals[student])
@@ -73,7 +73,7 @@ def chosen_student(evaluations: pd.DataFrame) -> str:
 
 
 def chosen_budget(evaluations: pd.DataFrame, student: str) -> int:
-    """Return the budget of walkers and swimmers in tier lite, in millions of steps, by the second rule.
+    """Return the budget (million steps) of walkers and swimmers in tier lite, by the second rule of the page.
 
     Core-hours are proportional to steps, which stand for them.
     """
@@ -89,7 +89,7 @@ def chosen_budget(evaluations: pd.DataFrame, student: str) -> int:
 
 
 def tables(evaluations: pd.DataFrame) -> str:
-    """Return the mastered tasks of all runs over time, and signal to noise of both students."""
+    """Return tables of mastered tasks of all runs over time, and of both students' signal to noise."""
     curves = evaluations.set_index("step").sort_index()
     by_run = []
     for (body, teacher, student, seed), run in curves.groupby(["embodiment", "teacher", "student", "seed"]):
@@ -118,7 +118,7 @@ def tables(evaluations: pd.DataFrame) -> str:
 
 
 def main() -> int:
-    """Print tables, or run what is missing."""
+    """Print tables, or execute missing runs."""
     options = parser(str(__doc__))
     options.add_argument(
         "--csv", type=Path, default=MEASURED / "parkour_pilot.csv", help="file of evaluations"

@@ -1,4 +1,4 @@
-"""The pilot of docs/pilot.md, which chooses student, budget and evaluations of the next release, without Ray.
+"""Pilot of docs/pilot.md, which selects student, budget and evaluations of the next release, without Ray.
 
     python benchmarks/pilot.py --costs
     python benchmarks/pilot.py --results build/pilot --processes 1 --minutes 600
@@ -85,7 +85,7 @@ WALKER_STEPS = 1_000_000
 
 
 def changed(rollouts: str) -> dict[str, str]:
-    """Return the students of the second half of the screen, by the name of their change."""
+    """Return the students of the second half of the screening, by the name of their change."""
     hyper = check_hyperparameters(rollouts)
     changes: dict[str, dict[str, Any]] = {
         "small batches": {"batch_size": 500 if hyper.batch_size == 1_000 else 512, "gamma": 0.995},
@@ -98,7 +98,7 @@ def changed(rollouts: str) -> dict[str, str]:
 
 
 def costs() -> pd.DataFrame:
-    """Return the processor time of a training step of each student, in µs, and its ratio to the paper's.
+    """Return the processor time of a training step by student, in µs, and the ratio to the paper's student.
 
     All students take turns, so that what else the machine does meets all of them.
     """
@@ -122,20 +122,20 @@ def costs() -> pd.DataFrame:
 
 
 class Tasks(gymnasium.Wrapper[Any, Any, Any, Any]):
-    """Resets an environment with random tasks of a space."""
+    """Wrapper that resets an environment to random tasks of a space."""
 
     def __init__(self, env: gymnasium.Env[Any, Any], space: TaskSpace) -> None:
         super().__init__(env)
         self._space, self._rng = space, np.random.default_rng(0)
 
     def reset(self, **options: Any) -> tuple[Any, dict[str, Any]]:
-        """Return the first observation of a random task."""
+        """Reset the environment to a random task."""
         return self.env.reset(**options | {"options": {"task": self._space.sample(self._rng, 1)[0]}})
 
 
 def loop_of(student: str) -> OurLoop:
-    """Return the training of a student on random tasks."""
-    from student_training import OurLoop  # it imports torch
+    """Return the training loop of a student on random tasks."""
+    from student_training import OurLoop  # deferred: imports torch
 
     spec = effective_spec(Cell(student=student), 0, Schedule())
     env = Tasks(make_environment(spec.environment, **spec.environment_options), spec.task_space)
@@ -144,18 +144,18 @@ def loop_of(student: str) -> OurLoop:
 
 
 def read(csv: Path) -> pd.DataFrame:
-    """Return a table, its students under canonical names: presets may have come after it was written."""
+    """Read a table of results, with canonical names of students (presets may be newer than the table)."""
     table = pd.read_csv(csv)
     return table.assign(student=table["student"].map(canonical_student))
 
 
 def step_costs() -> pd.DataFrame:
-    """Return microseconds and ratio of a training step, by student."""
+    """Return the measured cost of a training step by student: microseconds and ratio."""
     return read(MEASURED / "pilot_costs.csv").set_index("student")
 
 
 def steps_of(student: str) -> int:
-    """Return the budget with which `student` has as many core-seconds as the paper's with `STEPS`."""
+    """Return the budget at which a student takes as many core-seconds as the paper's with `STEPS`."""
     if student in ROLLOUTS:
         return STEPS
     ratio = step_costs().ratio[student]
@@ -163,7 +163,7 @@ def steps_of(student: str) -> int:
 
 
 def plan(part: str, found: pd.DataFrame) -> Plan:
-    """Return the runs of `part`, given the evaluations before it."""
+    """Return the plan of a part, given the evaluations of earlier parts."""
     chosen: list[tuple[str, str, str, str, int, int, tuple[int, ...]]]
     if part == "students":
         chosen = [
@@ -171,7 +171,7 @@ def plan(part: str, found: pd.DataFrame) -> Plan:
             for student in finalists(found)
             for challenge, body in SPACES
             for teacher in TEACHERS
-            if (challenge, teacher) != ("original", "random")  # which the screen has
+            if (challenge, teacher) != ("original", "random")  # part of the screening
         ]
     elif part == "budget":
         chosen = [
@@ -207,7 +207,7 @@ def plan(part: str, found: pd.DataFrame) -> Plan:
 
 
 def evaluations(root: str, run_ids: Collection[str] | None = None) -> pd.DataFrame:
-    """Return mastered % of every evaluation of all runs, of all test tasks and of those of even index."""
+    """Return mastered % at all evaluations of runs, over all test tasks and over those with even index."""
     frames = analysis.load(root)
     rows = frames.evaluations
     if run_ids is not None:
@@ -223,7 +223,7 @@ def evaluations(root: str, run_ids: Collection[str] | None = None) -> pd.DataFra
 
 
 def areas(found: pd.DataFrame, until: int | None = None, column: str = "mastered_percent") -> pd.DataFrame:
-    """Return area and last three, in %, of each run that got to its budget, or to `until` steps."""
+    """Return area and last three (in %) of the runs that reached their budgets, or `until` steps."""
     rows = []
     for key, run in found.groupby(RUN, observed=True):
         end = until or key[-2]
@@ -235,12 +235,12 @@ def areas(found: pd.DataFrame, until: int | None = None, column: str = "mastered
 
 
 def every_second(found: pd.DataFrame) -> pd.DataFrame:
-    """Return the evaluations that today's schedule has."""
+    """Return the evaluations of the present schedule, every second one."""
     return found[found["step"] % INTERVAL == 0]
 
 
 def screened(found: pd.DataFrame) -> pd.DataFrame:
-    """Return mean and deviation of area and last three of the students of the screen, the best first."""
+    """Return mean and deviation of area and last three by student of the screening, best first."""
     runs = areas(every_second(found))
     runs = runs[(runs["challenge"] == "original") & (runs["teacher"] == "random")]
     runs = runs[runs["seed"].isin(SEEDS["screen"])]
@@ -249,17 +249,17 @@ def screened(found: pd.DataFrame) -> pd.DataFrame:
 
 
 def best_rollouts(found: pd.DataFrame) -> str:
-    """Return the student of `ROLLOUTS` with the largest mean area."""
+    """Return the student of `ROLLOUTS` with the highest mean area."""
     return str(screened(found).loc[list(ROLLOUTS), ("area", "mean")].idxmax())
 
 
 def finalists(found: pd.DataFrame) -> list[str]:
-    """Return the two students that are compared with the paper's."""
+    """Return the two best students of the screening, besides the paper's."""
     return [student for student in screened(found).index if student != PAPER][:2]
 
 
 def noise_of(runs: pd.DataFrame, measure: str) -> Estimate:
-    """Return signal to noise of the square roots of a measure of the runs of one student."""
+    """Return the signal-to-noise ratio of one student's runs, by the square root of a measure."""
     strata = [
         {str(teacher): np.sqrt(own[measure].to_numpy()) for teacher, own in space.groupby("teacher")}
         for _, space in runs.groupby(["challenge", "embodiment"])
@@ -268,7 +268,7 @@ def noise_of(runs: pd.DataFrame, measure: str) -> Estimate:
 
 
 def student_of_choice(found: pd.DataFrame) -> str:
-    """Return the student that the rule of part a chooses, whether or not it is good enough."""
+    """Return the student that is selected by the rule of part a."""
     runs = areas(every_second(found))
     runs = runs[runs["seed"].isin(SEEDS["screen"])]
     best = finalists(found)
@@ -280,14 +280,14 @@ def student_of_choice(found: pd.DataFrame) -> str:
 
 
 def pays(found: pd.DataFrame) -> bool:
-    """Return whether the student of choice is good enough for a new release."""
+    """Return True if the selected student is good enough for a new release."""
     runs = areas(every_second(found))
     own = runs[(runs["student"] == student_of_choice(found)) & runs["seed"].isin(SEEDS["screen"])]
     return noise_of(own, "area").value >= ENOUGH * noise_of(paper_runs(), "area").value
 
 
 def tables(found: pd.DataFrame) -> str:
-    """Return the results as tables of the page, as far as there are any."""
+    """Return the available results as Markdown tables."""
     parts = [screen_table(found), schedule_table(found)]
     compared = found[found["seed"].isin(SEEDS["screen"]) & (found["student"] != PAPER)]
     if students := complete(areas(every_second(compared))):
@@ -299,7 +299,7 @@ def tables(found: pd.DataFrame) -> str:
 
 
 def paper_runs() -> pd.DataFrame:
-    """Return the runs of the paper's student in lite-1 that the pilot compares with."""
+    """Return the runs of the paper's student in lite-1 under the conditions of the pilot."""
     cells = analysis.load("lite-1").cells
     wanted = (cells["student"] == PAPER) & (cells["expert_knowledge"] == "high") & (cells["seed"] < 5)
     wanted &= cells["teacher"].isin(TEACHERS) & cells["challenge"].isin([name for name, _ in SPACES])
@@ -308,7 +308,7 @@ def paper_runs() -> pd.DataFrame:
 
 
 def complete(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    """Return the runs of each student that has all teachers on all spaces with two seeds or more."""
+    """Return the runs of students with two or more seeds of all teachers on all spaces."""
     found = {}
     for student, own in runs.groupby("student"):
         seeds = own.groupby(CELL)["seed"].count()
@@ -318,13 +318,13 @@ def complete(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
 
 
 def markdown(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """Return a table."""
+    """Return a Markdown table."""
     lines = [head, ["---"] * len(head), *rows]
     return "\n".join(f"| {' | '.join(str(cell) for cell in line)} |" for line in lines)
 
 
 def screen_table(found: pd.DataFrame) -> str:
-    """Return the students of the screen, the best first."""
+    """Return a table of the students of the screening, best first."""
     ratios = step_costs().ratio
     rows = [
         (
@@ -344,7 +344,7 @@ def screen_table(found: pd.DataFrame) -> str:
 
 
 def schedule_table(found: pd.DataFrame) -> str:
-    """Return slope and deviation of the residuals of both schedules of evaluations, over the screen."""
+    """Return a table of two evaluation schedules: slope and residual deviation against all evaluations."""
     dense = found[found["step"] % INTERVAL != 0].groupby(RUN).size().index
     runs = found.set_index(RUN).loc[dense].reset_index()
     truth = areas(runs)["area"].to_numpy()
@@ -359,12 +359,12 @@ def schedule_table(found: pd.DataFrame) -> str:
 
 
 def shown(estimate: Estimate) -> str:
-    """Return a number with its interval."""
+    """Return an estimate with its interval, as text."""
     return f"{estimate.value:.2f} [{estimate.low:.2f}, {estimate.high:.2f}]"
 
 
 def comparison_table(students: Mapping[str, pd.DataFrame]) -> str:
-    """Return mean area and signal to noise of each of the students that are compared."""
+    """Return a table of mean area and signal to noise by student."""
     rows = [
         (
             f"`{student}`",
@@ -381,7 +381,7 @@ def comparison_table(students: Mapping[str, pd.DataFrame]) -> str:
 
 
 def budget_table(found: pd.DataFrame) -> str:
-    """Return signal to noise and decisiveness at each budget."""
+    """Return a table of signal to noise and decisiveness by budget."""
     micro = step_costs().microseconds
     rows = []
     for millions in MILLIONS:
@@ -402,7 +402,7 @@ def budget_table(found: pd.DataFrame) -> str:
 
 
 def onset_table(found: pd.DataFrame) -> str:
-    """Return signal to noise and decisiveness on two spaces, of new students and of walking ones.
+    """Return a table of signal to noise and decisiveness of new and of walking students, on two spaces.
 
     Args:
         found: evaluations of one student, new or started from the walking policy of its seed.
@@ -422,7 +422,7 @@ def onset_table(found: pd.DataFrame) -> str:
 
 
 def written(root: str, csv: Path) -> pd.DataFrame:
-    """Add the evaluations of the finished runs of `root` to a file, and return all of the file."""
+    """Add the evaluations of a root's finished runs to a file, and return the whole table."""
     earlier = [read(csv)] if csv.exists() else []
     table = pd.concat([*earlier, evaluations(root)]).drop_duplicates([*RUN, "step"])
     table = table[pd.MultiIndex.from_frame(table[RUN]).isin(done(table))]
@@ -431,17 +431,17 @@ def written(root: str, csv: Path) -> pd.DataFrame:
 
 
 def done(found: pd.DataFrame) -> set[tuple[object, ...]]:
-    """Return the values in the columns `RUN` of the runs whose last evaluation is there."""
+    """Return the finished runs, as values of the columns `RUN`."""
     return set(found.loc[found["step"] == found["steps"], RUN].itertuples(index=False, name=None))
 
 
 def key_of(run: RunSpec) -> tuple[object, ...]:
-    """Return the values of a run in the columns `RUN`."""
+    """Return a run as values of the columns `RUN`."""
     return (*(getattr(run, column) for column in CELL), run.schedule.steps, run.seed)
 
 
 def main() -> int:
-    """Measure costs, print tables, or run what is missing."""
+    """Measure costs, print tables, or execute missing runs."""
     options = parser(str(__doc__))
     options.add_argument("--parts", default=",".join(PARTS), help="in this order")
     options.add_argument("--csv", type=Path, default=MEASURED / "pilot.csv", help="file of all evaluations")
@@ -466,7 +466,7 @@ def main() -> int:
             execute(replace(wanted, runs=missing), given)
             found = written(given.results, given.csv)
         if not done(found).issuperset(map(key_of, wanted.runs)):
-            break  # the next call goes on
+            break  # continued by the next call
         if part == "students" and not pays(found):
             print(f"no student has {ENOUGH} times the paper's signal to noise: the rest is left out")
             break

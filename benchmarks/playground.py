@@ -1,4 +1,4 @@
-"""Agreement of the playground's physics with Python's: a row for each body and environment.
+"""Agreement of the playground's physics with Python's: a row per body and environment.
 
 python benchmarks/playground.py > benchmarks/measured/playground.csv
 """
@@ -31,12 +31,12 @@ CLOSE = 1e-9
 
 
 def largest(episode: dict[str, Any]) -> float:
-    """Return the largest difference of an observation, a reward or a state."""
+    """Return the largest difference in an observation, a reward or a state."""
     return float(max(episode["state"], episode["observed"], episode["reward"]))
 
 
 def cells(places: Sequence[list[dict[str, Any]]], exact: list[dict[str, Any]]) -> list[object]:
-    """Return the columns of a row after body and environment.
+    """Return the columns of a row besides body and environment.
 
     Args:
         places: episodes in node and in Chromium with the page's sine and cosine.
@@ -50,7 +50,7 @@ def cells(places: Sequence[list[dict[str, Any]]], exact: list[dict[str, Any]]) -
 
 
 def main() -> None:
-    """Print the table."""
+    """Print the table as CSV."""
     parser = argparse.ArgumentParser(description=__doc__, allow_abbrev=False)
     parser.add_argument("--episodes", type=int, default=20, help="episodes of a row (%(default)s)")
     parser.add_argument("--steps", type=int, default=200, help="steps of an episode (%(default)s)")

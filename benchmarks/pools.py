@@ -39,7 +39,7 @@ def parser(description: str) -> argparse.ArgumentParser:
 
 
 def execute(plan: Plan, options: argparse.Namespace) -> None:
-    """Execute the runs of `plan` that are not done, as the options say, and print the progress.
+    """Execute the unfinished runs of a plan with the options of `parser`, and print the progress.
 
     SIGTERM ends it as the last minute does, with checkpoints.
     """

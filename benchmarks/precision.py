@@ -1,4 +1,4 @@
-"""Effect of a precision on what students learn, against as many seeds at "highest", in a cohort, without Ray.
+"""Effect of the precision of matrix products on learning, against "highest", in a cohort, without Ray.
 
     python benchmarks/precision.py --student sac --precision medium --device cuda --processes 16 \
         --results build/precision
@@ -37,7 +37,7 @@ MEASURES = {"mastered": "mastered tasks, %", "episodic_return": "mean return"}
 
 
 def plan(student: str, precision: str, seeds: int, steps: int) -> Plan:
-    """Return the runs of both precisions, the reference first."""
+    """Return the plan of runs with both precisions, the reference first."""
     cells = tuple(
         Cell(challenge="easy", student=student, student_hyperparameters={"matmul_precision": each})
         for each in (REFERENCE.value, precision)
@@ -48,7 +48,7 @@ def plan(student: str, precision: str, seeds: int, steps: int) -> Plan:
 
 
 def differences(table: pd.DataFrame, precision: str) -> list[dict[str, Any]]:
-    """Return the difference to the reference in each measure, at the last step that all runs have.
+    """Return differences from the reference by measure, at the last step that all runs have reached.
 
     Args:
         table: of `sac_learning.curves`.
@@ -71,7 +71,7 @@ def differences(table: pd.DataFrame, precision: str) -> list[dict[str, Any]]:
 
 
 def bootstrap(sample: np.ndarray, reference: np.ndarray) -> tuple[float, float]:
-    """Return a 95 % interval of the difference of two means."""
+    """Return a bootstrap 95 % interval of the difference of two means."""
     found = stats.bootstrap(
         (sample, reference),
         lambda one, other, axis: np.mean(one, axis=axis) - np.mean(other, axis=axis),
@@ -82,7 +82,7 @@ def bootstrap(sample: np.ndarray, reference: np.ndarray) -> tuple[float, float]:
 
 
 def show(rows: list[dict[str, Any]], precision: str) -> str:
-    """Return the differences as a table."""
+    """Return the differences as a Markdown table."""
     head = (
         f"at {rows[0]['step']:,} steps",
         REFERENCE.value,
@@ -104,7 +104,7 @@ def show(rows: list[dict[str, Any]], precision: str) -> str:
 
 
 def main() -> int:
-    """Train what is missing, prints and writes."""
+    """Execute missing runs, and print and write the differences."""
     options: argparse.ArgumentParser = parser(str(__doc__))
     options.set_defaults(cohort=16)
     options.add_argument("--student", default="sac", choices=("sac", "ppo"), help="who learns")

@@ -62,7 +62,7 @@ class LearnerProcess:
 
 
 def _learn(learner: Learner, settings: CohortSettings) -> None:
-    from tma_ray.students.cohort.server import LearnerServer  # torch takes seconds to import
+    from tma_ray.students.cohort.server import LearnerServer  # deferred: imports torch
 
     LearnerServer(learner, settings).serve(lambda: False)
 
@@ -164,7 +164,7 @@ def _execute(
     connection: Connection, stop: Any, spec: dict[str, Any], store: Store, number: int, placement: Placement
 ) -> None:
     """Execute an attempt in this process, and send reports and the ending."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends it to children, too
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C also reaches child processes
     skip_pandas()
     placement.give_way()
     attempt = Attempt(RunSpec.from_dict(spec), store, number, placement)

@@ -1,4 +1,4 @@
-"""Runs all benchmarks that need no trained results, and gathers their JSON in one folder.
+"""Run all benchmarks that need no trained results, and gather their JSON in one folder.
 
     python benchmarks/run_all.py --output build/benchmarks
     python benchmarks/run_all.py --smallest --scripts acting teacher_cost
@@ -33,7 +33,7 @@ SMALLEST = {
 
 
 def main() -> None:
-    """Run each script in a process of its own."""
+    """Run every script in a separate process."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--output", type=Path, default=Path("build/benchmarks"), help="folder (%(default)s)")
     parser.add_argument(

@@ -26,7 +26,7 @@ CLAMP = "sac:log_std=clamp"
 
 
 def plan(parts: tuple[str, ...], seeds: int, precision: str) -> Plan:
-    """Return the runs of `parts`, each cell with its first `seeds`."""
+    """Return the plan of `parts`, with the first `seeds` of every cell."""
     hyper = {} if precision == "highest" else {"matmul_precision": precision}
     campaigns = {
         "easy": CampaignSpec(
@@ -52,7 +52,7 @@ def plan(parts: tuple[str, ...], seeds: int, precision: str) -> Plan:
 
 
 def curves(root: str) -> pd.DataFrame:
-    """Return mastered share, in percent, and mean return of every seed at every evaluation."""
+    """Return mastered % and mean return by seed and evaluation."""
     results = Results.open(root)
     rows = results.table(Table.EVALUATIONS).to_pandas()
     rows["mastered"] = 100.0 * (rows.episodic_return > MASTERY_RETURN)
@@ -64,7 +64,7 @@ def curves(root: str) -> pd.DataFrame:
 
 
 def main() -> int:
-    """Run what is missing, and print the curves of all that is there."""
+    """Execute missing runs, and print all learning curves."""
     options = parser(str(__doc__))
     options.add_argument("--parts", default="easy,original", help="easy, original or both")
     options.add_argument("--seeds", type=int, default=5, help="of every cell")

@@ -1,4 +1,4 @@
-"""Overhead of the scheduler: thousands of empty runs in shared processes, and some in processes of their own.
+"""Overhead of the scheduler: thousands of empty runs in shared processes, and some in separate ones.
 
 Prints JSON. In the first part a few actors share all runs: each run writes its empty tables, and the
 scheduler starts, polls, publishes and finishes it as usual. In the second part every run has its own process;
@@ -39,10 +39,10 @@ SETTINGS = ExecutionConfig(
 
 
 class Player:
-    """An actor that executes runs without steps, one after the other."""
+    """Actor that executes runs without steps, one after the other."""
 
     def run(self, run_id: str, store: Store, number: int) -> tuple[PartFile, ...]:
-        """Return the result files of a run without rows."""
+        """Execute a run without rows; return its result files."""
         return RunWriter(store, run_id, number).finish()
 
     def nothing(self) -> None:
@@ -53,18 +53,18 @@ RemotePlayer: Any = ray.remote(Player)
 
 
 class Method:
-    """A method of a seed actor, forwarded to a `Player`."""
+    """Method of a seed actor, forwarded to a `Player`."""
 
     def __init__(self, method: Any, *arguments: Any) -> None:
         self._method, self._arguments = method, arguments
 
     def remote(self) -> Any:
-        """Call it; return the reference of its result."""
+        """Call the method; return the reference of its result."""
         return self._method.remote(*self._arguments)
 
 
 class Substitute:
-    """Stands in for a `SeedActor`, without a process of its own."""
+    """Substitute for a `SeedActor` without a process."""
 
     players: list[Any] = []
     launched = 0
@@ -82,7 +82,7 @@ class Substitute:
 
 
 class RayWithoutDeath:
-    """The module `ray`, except that `kill` does nothing: the players are shared."""
+    """Module `ray` with a `kill` that does nothing, since players are shared."""
 
     def __getattr__(self, name: str) -> Any:
         return getattr(ray, name)
@@ -92,13 +92,13 @@ class RayWithoutDeath:
 
 
 def specs(count: int, steps: int) -> list[RunSpec]:
-    """Return `count` runs that differ in their seeds."""
+    """Return `count` runs with different seeds."""
     first = effective_spec(Cell(student="ppo", teacher="random"), 0, Schedule(steps=steps))
     return [replace(first, seed=seed) for seed in range(count)]
 
 
 def execute(runs: list[RunSpec], root: str) -> dict[str, float]:
-    """Return the time and memory that the scheduler takes for `runs`."""
+    """Execute runs; return the time and memory of the scheduler."""
     view = ProgressView(Console(file=io.StringIO()))
     start, used = time.perf_counter(), time.process_time()
     committer, head = Committer.open(root), connect(None).head
@@ -115,7 +115,7 @@ def execute(runs: list[RunSpec], root: str) -> dict[str, float]:
 
 
 def trivial(count: int) -> dict[str, Any]:
-    """Return the overhead of `count` runs in shared processes, and of finding all of them done."""
+    """Return the overhead of `count` runs in shared processes, and of a second call that finds them done."""
     Substitute.players = [RemotePlayer.options(num_cpus=0).remote() for _ in range(PLAYERS)]
     runs = specs(count, 1)
     with (
@@ -140,7 +140,7 @@ def bare_actor_milliseconds(count: int) -> float:
 
 
 def main() -> None:
-    """Measure both parts."""
+    """Measure runs in shared and in separate processes."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--runs", type=int, default=10_000, help="in shared processes (%(default)s)")
     parser.add_argument("--processes", type=int, default=20, help="runs in their own (%(default)s)")

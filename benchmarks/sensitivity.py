@@ -30,14 +30,14 @@ PARTS: dict[str, tuple[Cell, ...]] = {
 
 
 def plan(parts: tuple[str, ...], seeds: int) -> Plan:
-    """Return the runs of `parts`, each cell with its first `seeds`."""
+    """Return the plan of `parts`, with the first `seeds` of every cell."""
     cells = tuple(cell for part in parts for cell in PARTS[part])
     schedule = Schedule(1_000_000, 250_000, 250_000, training_window=100_000)
     return joined_plan("sensitivity", [CampaignSpec("sensitivity", cells, tuple(range(seeds)), schedule)])
 
 
 def differences(table: pd.DataFrame) -> str:
-    """Return means over seeds at the last step, and differences to the first cell with intervals."""
+    """Return text on means at the last step, and differences from the first cell with intervals."""
     last = table[table.step == table.step.max()]
     cells = {name: cell.mastered for name, cell in last.groupby(["embodiment", "student"], observed=True)}
     first = cells.get(("classic_bipedal", "ppo"))
@@ -54,7 +54,7 @@ def differences(table: pd.DataFrame) -> str:
 
 
 def main() -> int:
-    """Run what is missing, and print the differences."""
+    """Execute missing runs, and print the differences."""
     options = parser(str(__doc__))
     options.add_argument("--parts", default="cohort,stock", help="cohort, stock or both")
     options.add_argument("--seeds", type=int, default=8, help="of every cell")

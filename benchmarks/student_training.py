@@ -1,4 +1,4 @@
-"""Training steps per processor second of our loop and of stable-baselines3's own `learn`, on one environment.
+"""Training steps per processor second of our loop and of stable-baselines3's `learn`.
 
 Both are measured in turn in one process with one torch thread, by processor time, so that the ratio is
 meaningful on a noisy machine. SAC updates its networks every 10 steps on both sides, not at the end of an
@@ -32,7 +32,7 @@ from tma_ray.students.ppo import Trunk
 
 
 class OurLoop:
-    """A student and an environment, stepped as a run steps them."""
+    """Training loop of a student on one environment, as in a run."""
 
     def __init__(self, student: Student, env: gymnasium.Env[Any, Any]) -> None:
         self.student, self.env = student, env
@@ -50,7 +50,7 @@ class OurLoop:
 
 
 class StockLoop:
-    """stable-baselines3 as its documentation uses it, with the same hyper-parameters."""
+    """Training by stable-baselines3's `learn`, with the same hyper-parameters."""
 
     def __init__(self, name: str, env_name: str, values: dict[str, Any]) -> None:
         self.model = stock_ppo(env_name, values) if name == "ppo" else stock_sac(env_name, values)
@@ -61,7 +61,7 @@ class StockLoop:
 
 
 def stock_ppo(env_name: str, values: dict[str, Any]) -> stable_baselines3.PPO:
-    """Return PPO with the hyper-parameters `values`, normalised by VecNormalize."""
+    """Return stable-baselines3's PPO with the hyper-parameters `values`, normalised by VecNormalize."""
     env = VecNormalize(DummyVecEnv([lambda: gymnasium.make(env_name)]))
     trunk = {"hidden_units": tuple(values["hidden_units"])}
     return stable_baselines3.PPO(
@@ -84,7 +84,7 @@ def stock_ppo(env_name: str, values: dict[str, Any]) -> stable_baselines3.PPO:
 
 
 def stock_sac(env_name: str, values: dict[str, Any]) -> stable_baselines3.SAC:
-    """Return SAC with the hyper-parameters `values`."""
+    """Return stable-baselines3's SAC with the hyper-parameters `values`."""
     return stable_baselines3.SAC(
         "MlpPolicy",
         gymnasium.make(env_name),
@@ -101,11 +101,11 @@ def stock_sac(env_name: str, values: dict[str, Any]) -> stable_baselines3.SAC:
 
 
 def measure(name: str, precision: str, env_name: str, steps: int, repeats: int) -> dict[str, Any]:
-    """Return the medians of `repeats` alternating stretches of `steps` steps, after one of warming up."""
+    """Return the median speeds over `repeats` alternating stretches of `steps` steps, after a warm-up."""
     values = default_hyperparameters(name) | {"matmul_precision": precision}
     if name == "sac":
         values |= {"exploration_steps": 1_000, "updates": "interleaved"}
-        values |= {"buffer_size": 200_000, "log_std": "clamp"}  # stock touches all of its buffer
+        values |= {"buffer_size": 200_000, "log_std": "clamp"}  # stable-baselines3 allocates the whole buffer
     env = gymnasium.make(env_name)
     student = make_student(name, env.observation_space, env.action_space, np.random.SeedSequence(0), values)
     loops: dict[str, OurLoop | StockLoop] = {
@@ -132,7 +132,7 @@ def measure(name: str, precision: str, env_name: str, steps: int, repeats: int) 
 
 
 def main() -> None:
-    """Print a line per student and write all of it as JSON."""
+    """Print a line per student, and write the results as JSON."""
     parser = argparse.ArgumentParser(
         allow_abbrev=False, description=__doc__.splitlines()[0] if __doc__ else None
     )

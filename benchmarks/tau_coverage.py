@@ -1,4 +1,4 @@
-"""Coverage of the bootstrap interval of Kendall's tau, by simulation: ``measured/tau_coverage.csv``.
+"""Simulated coverage of the bootstrap interval of Kendall's tau: ``measured/tau_coverage.csv``.
 
 Effects of teachers and luck of seeds are normal; the other side has the 32 seeds of the paper's tables.
 """
@@ -25,7 +25,7 @@ REPEATS = 400
 
 
 class Truth:
-    """True effects of teachers on both sides (challenges, teachers), and results of runs."""
+    """True effects (challenges, teachers) of both sides of a comparison, and simulated results."""
 
     def __init__(self, rng: np.random.Generator, seeds: int, signal: float, correlation: float) -> None:
         self.rng, self.seeds = rng, seeds
@@ -34,13 +34,13 @@ class Truth:
         self.theirs = correlation * self.mine + np.sqrt(1 - correlation**2) * others
 
     def results(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return runs of both sides (challenges, teachers, seeds)."""
+        """Return simulated results (challenges, teachers, seeds) of both sides."""
         sides = ((self.mine, self.seeds), (self.theirs, PAPERS))
         found = (self.rng.normal(effects[..., None], 1.0, (*effects.shape, n)) for effects, n in sides)
         return next(found), next(found)
 
     def interval(self) -> tuple[float, float]:
-        """Return the interval of the mean tau of one simulated result."""
+        """Return the interval of the mean tau for one simulated result."""
         mine, theirs = self.results()
         draws = [
             kendall(
@@ -53,12 +53,12 @@ class Truth:
 
 
 def tau(mine: np.ndarray, theirs: np.ndarray) -> float:
-    """Return the mean tau of runs over challenges."""
+    """Return the mean tau over challenges."""
     return float(kendall(mine.mean(axis=-1), theirs.mean(axis=-1)).mean())
 
 
 def coverage(experiments: int) -> pd.DataFrame:
-    """Return the share of intervals that hold the tau of other runs, and of the true means, by design."""
+    """Return the share of intervals that cover the tau of other runs, and of the true means, by design."""
     rows = []
     for seeds, signal, correlation in itertools.product(SEEDS, SIGNALS, CORRELATIONS):
         rng = np.random.default_rng([seeds, int(10 * signal), int(10 * correlation)])

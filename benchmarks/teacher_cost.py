@@ -32,7 +32,7 @@ PRESETS = "goal_gan:preset=release", "setter_solver:preset=release", "spdl:prese
 
 
 def cost(name: str, episodes: int) -> dict[str, float | str]:
-    """Return milliseconds per episode: over all, over the first and over the last quarter."""
+    """Return the milliseconds per episode: over all episodes, the first and the last quarter."""
     challenge = find_challenge("stump_tracks", "original")
     space = challenge.task_space
     teacher = make_teacher(name)
@@ -66,7 +66,7 @@ def cost(name: str, episodes: int) -> dict[str, float | str]:
 
 
 def played(task: Task, episodic_return: float, length: int, step: int) -> Episode:
-    """Return a finished episode."""
+    """Return an episode with the given result."""
     observation = np.zeros(24, dtype=np.float32)
     observation[: len(task)] = task
     success, discounted_return = episodic_return > 230, episodic_return / 6
@@ -74,18 +74,18 @@ def played(task: Task, episodic_return: float, length: int, step: int) -> Episod
 
 
 def values(observations: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Return state values (n,) of observations (n, o): the higher, the lower the stumps."""
+    """Return state values (n,) of observations (n, o), higher for lower stumps."""
     return 50 - 10 * observations[:, 0].astype(np.float64)
 
 
 def evaluated(tasks: Task, _greedy: bool) -> Outcomes:
-    """Return the outcomes of `tasks` (n, d): mastered where stumps are low."""
+    """Return the outcomes of tasks (n, d), mastered if stumps are low."""
     episodic_returns = 300 - 100 * tasks[:, 0].astype(np.float64)
     return Outcomes(episodic_returns, episodic_returns > 230, np.full(len(tasks), 500))
 
 
 def main() -> None:
-    """Measure every teacher of the catalogue, or those asked for."""
+    """Measure all teachers of the catalogue, or the requested ones."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--episodes", type=int, default=40_000, help="of each teacher (%(default)s)")
     parser.add_argument("--teachers", nargs="+", default=[*TEACHERS.names(), *PRESETS])

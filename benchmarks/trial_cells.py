@@ -1,4 +1,4 @@
-"""Core-hours that it takes to tell two teachers apart, by cell and by set of cells (docs/trials.md).
+"""Core-hours needed to distinguish two teachers, by cell and set of cells (docs/trials.md).
 
     python benchmarks/trial_cells.py > benchmarks/measured/trial_cells.csv
 
@@ -48,7 +48,7 @@ Samples = Mapping[str, NDArray[np.float64]]
 
 
 class Cell(NamedTuple):
-    """Runs of one cell.
+    """Results of one cell, with the cost of a run.
 
     Attributes:
         name: challenge or environment, body and budget.
@@ -64,7 +64,7 @@ class Cell(NamedTuple):
 
 
 def core_hours(body: str, steps: int) -> float:
-    """Return the core-hours of a run's training, by the speeds that `tma-ray plan` estimates with."""
+    """Return the core-hours of a run's training, by the speeds of `tma-ray plan`."""
     text = resources.files("tma_ray.campaign").joinpath("speeds.csv").read_text()
     speeds = {
         (row["student"], row["embodiment"]): row["training"] for row in csv.DictReader(text.splitlines())
@@ -73,12 +73,12 @@ def core_hours(body: str, steps: int) -> float:
 
 
 def angle(percent: pd.Series) -> NDArray[np.float64]:
-    """Return the arcsine of the root of shares in per cent, on which trials are designed."""
+    """Return the arcsine of the square root of percentages, the scale of trials."""
     return np.arcsin(np.sqrt(percent.to_numpy(float) / 100))
 
 
 def stump_tracks() -> list[Cell]:
-    """Return the cells of the core of lite-2 at high knowledge."""
+    """Return the cells of lite-2's core at high expert knowledge."""
     baseline = find_baseline(RELEASE)
     frames = baseline.frames()
     runs = frames.cells[frames.cells["campaign"].isin(baseline.manifest.core)]
@@ -96,7 +96,7 @@ def stump_tracks() -> list[Cell]:
 
 
 def parkour() -> list[Cell]:
-    """Return the cells of the pilot's runs, at each of `MILLIONS`."""
+    """Return the cells of the pilot in Parkour, one per body and budget of `MILLIONS`."""
     evaluations = read(PILOT)
     evaluations = evaluations[evaluations["student"] == STUDENT]
     return [
@@ -113,7 +113,7 @@ def parkour() -> list[Cell]:
 
 
 def cell_weights(cells: Sequence[Cell]) -> NDArray[np.float64]:
-    """Return the weight of each cell in the mean over cells: equal for challenges, and for bodies of each."""
+    """Return the weights of cells: equal for challenges, and for the bodies of a challenge."""
     weights = np.array(stratum_weights([cell.challenge for cell in cells]))
     return np.asarray(weights / weights.sum())
 
@@ -124,7 +124,7 @@ def common_teachers(cells: Sequence[Cell]) -> list[str]:
 
 
 def decisiveness(cells: Sequence[Cell]) -> tuple[float, float]:
-    """Return signal to noise of the mean over cells, and the core-hours of one seed of all.
+    """Return signal to noise of the mean over cells, and the core-hours of a seed in all cells.
 
     Challenges have equal weight, and so have the bodies of each. The variance between teachers is without
     what their seeds add to it.
@@ -143,13 +143,13 @@ def decisiveness(cells: Sequence[Cell]) -> tuple[float, float]:
 
 
 def effects(cells: Sequence[Cell], teachers: Sequence[str]) -> NDArray[np.float64]:
-    """Return the mean of each teacher over cells, challenges of equal weight."""
+    """Return the weighted means of teachers over cells."""
     means = np.array([[cell.samples[name].mean() for cell in cells] for name in teachers])
     return np.asarray(means @ cell_weights(cells))
 
 
 def row(name: str, cells: Sequence[Cell], everything: Sequence[Cell] = ()) -> dict[str, Any]:
-    """Return a line of the table: a cell, or a set of cells beside all."""
+    """Return a row of the table: a cell or a set of cells, compared with all of them."""
     ratio, hours = decisiveness(cells)
     teachers = common_teachers([*cells, *everything])
     agreement = np.nan
@@ -166,7 +166,7 @@ def row(name: str, cells: Sequence[Cell], everything: Sequence[Cell] = ()) -> di
 
 
 def simulated(cells: Sequence[Cell], trials: int) -> dict[str, float]:
-    """Return core-hours and decided share of simulated trials, each teacher of the core as the new one.
+    """Return core-hours and share of decided trials, simulated with the core's teachers as new ones.
 
     True differences from Random are those observed in these cells.
     """
@@ -190,7 +190,7 @@ def simulated(cells: Sequence[Cell], trials: int) -> dict[str, float]:
 
 
 def measure(trials: int) -> pd.DataFrame:
-    """Return all lines: every cell, the cheapest set of each size, and all cells of a trial."""
+    """Return the table: single cells, the cheapest set of each size, and the cells of a trial."""
     tracks = stump_tracks()
     rows = [row(cell.name, [cell], tracks) for cell in tracks] + [
         row(cell.name, [cell]) for cell in parkour()
@@ -205,7 +205,7 @@ def measure(trials: int) -> pd.DataFrame:
 
 
 def main() -> None:
-    """Print all lines as CSV."""
+    """Print the table as CSV."""
     parser = argparse.ArgumentParser(description=__doc__, allow_abbrev=False)
     parser.add_argument(
         "--trials", type=int, default=TRIALS, help="simulated trials of a teacher (%(default)s)"

@@ -1,4 +1,4 @@
-"""Trials simulated with the residuals of a release: errors, seeds to the verdict, and the bias of estimates.
+"""Simulated trials with residuals of a release: error rates, seeds to the verdict, bias of estimates.
 
 python benchmarks/trials.py > benchmarks/measured/trials.csv
 """
@@ -27,7 +27,7 @@ CELLS = ((), ("original", "diverse_students/spider"), ("original",), ("rugged_di
 
 
 def row(setting: Setting, end: Setting, factor: float, trials: int) -> dict[str, object]:
-    """Return what `trials` trials of a teacher come to that is `factor` margins better than all others.
+    """Return the results of trials in which the new teacher is `factor` margins better than all others.
 
     Wrong verdicts also with each teacher's own variances, and in the `end`, by its margin.
     """
@@ -55,7 +55,7 @@ def row(setting: Setting, end: Setting, factor: float, trials: int) -> dict[str,
 
 
 def unbiased(setting: Setting, found: SimulatedOutcomes) -> list[float]:
-    """Return the median-unbiased estimates of the difference to Random, of each trial."""
+    """Return the median-unbiased estimates of the difference from Random, by trial."""
     rule, estimates = setting.rules[0], []
     planned = [1 / (1 / seeds + 1 / setting.runs[0]) for seeds in rule.looks]
     for look, value, error in zip(found.looks[0], found.estimates[0], found.errors[0], strict=True):
@@ -66,7 +66,7 @@ def unbiased(setting: Setting, found: SimulatedOutcomes) -> list[float]:
 
 
 def main() -> None:
-    """Print a row for each choice of cells and each true difference."""
+    """Print a row per set of cells and true difference."""
     parser = argparse.ArgumentParser(description=__doc__, allow_abbrev=False)
     parser.add_argument("--trials", type=int, default=TRIALS, help="simulated trials of a row (%(default)s)")
     parser.add_argument("--release", default="lite-2", help="release whose runs are taken (%(default)s)")

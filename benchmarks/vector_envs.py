@@ -1,4 +1,4 @@
-"""Speed of vector environments: ours, with one thread and with several, and those of others.
+"""Speed of vector environments: ours with one and several threads, Gymnasium's, stable-baselines3's.
 
     python benchmarks/vector_envs.py --output vector_envs.json
 
@@ -41,20 +41,20 @@ Maker: TypeAlias = Callable[[int], tuple[Step, Callable[[], None]]]
 
 
 class OnOneTask(gymnasium.Wrapper[Any, Any, Any, Any]):
-    """An environment with `TASK` in every episode."""
+    """Wrapper that resets an environment to `TASK`."""
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
-        """Reset the environment to `TASK`, whatever other options are given."""
+        """Reset the environment to `TASK`, overriding the option."""
         return self.env.reset(seed=seed, options={**(options or {}), "task": TASK})
 
 
 def one() -> gymnasium.Env[Any, Any]:
-    """Return a single environment."""
+    """Return a single environment of ours."""
     return OnOneTask(gymnasium.make(ID).unwrapped)
 
 
 def ours(number: int, threads: int) -> tuple[Step, Callable[[], None]]:
-    """Return the functions that step and close a vector of `number` of our environments."""
+    """Return functions that step and close a vector environment of ours, with manual resets."""
     worlds = gymnasium.make_vec(ID, num_envs=number, threads=threads, autoreset_mode=AutoresetMode.DISABLED)
     tasks = np.tile(TASK, (number, 1))
     worlds.reset(seed=0, options={"task": tasks})
@@ -69,14 +69,14 @@ def ours(number: int, threads: int) -> tuple[Step, Callable[[], None]]:
 
 
 def ours_next_step(number: int) -> tuple[Step, Callable[[], None]]:
-    """Return the functions that step and close a vector of ours, which begin episodes themselves."""
+    """Return functions that step and close a vector environment of ours, with autoreset."""
     worlds = gymnasium.make_vec(ID, num_envs=number, next_task=lambda: TASK)
     worlds.reset(seed=0)
     return worlds.step, worlds.close
 
 
 def sb3(number: int) -> tuple[Step, Callable[[], None]]:
-    """Return the same functions for stable-baselines3's DummyVecEnv."""
+    """Return functions that step and close a DummyVecEnv of stable-baselines3."""
     worlds = DummyVecEnv([one] * number)
     worlds.seed(0)
     worlds.reset()
@@ -86,7 +86,7 @@ def sb3(number: int) -> tuple[Step, Callable[[], None]]:
 def gymnasiums(
     kind: Callable[..., gymnasium.vector.VectorEnv[Any, Any, Any]],
 ) -> Maker:
-    """Return the maker of the same functions for a vector environment of Gymnasium."""
+    """Return a `Maker` for a type of Gymnasium's vector environments."""
 
     def make(number: int) -> tuple[Step, Callable[[], None]]:
         worlds = kind([one] * number)
@@ -129,7 +129,7 @@ def microseconds(make: Maker, number: int, steps: int) -> dict[str, float]:
 
 
 def measure(number: int, threads: list[int], steps: int, repeats: int) -> dict[str, Any]:
-    """Return medians of all kinds over `repeats` turns, and of their speeds within a turn."""
+    """Return the median times and relative speeds of all vector environments over `repeats` turns."""
     mine = {f"tma_ray_{count}": partial(ours, threads=count) for count in threads if count <= number}
     kinds: dict[str, Maker] = {**mine, **OTHERS}
     turns = [{kind: microseconds(kinds[kind], number, steps) for kind in kinds} for _ in range(repeats)]
@@ -146,7 +146,7 @@ def measure(number: int, threads: list[int], steps: int, repeats: int) -> dict[s
 
 
 def main() -> None:
-    """Measure vectors of several sizes in one run."""
+    """Measure vector environments of several sizes."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument(
         "--numbers", type=int, nargs="+", default=[1, 4, 8, 16, 64], help="environments in a vector"

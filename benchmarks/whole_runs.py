@@ -1,4 +1,4 @@
-"""Processor time of whole runs, alone and in a cohort, and what a step of theirs consists of."""
+"""Processor time of a step of whole runs, alone and in a cohort, and its parts."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ PLAYED = 6_000
 
 
 def runs_of(student: str, count: int) -> list[RunSpec]:
-    """Return runs of a student under Random on the original space, one for each seed."""
+    """Return `count` runs of a student under Random on the original space, with different seeds."""
     cell = Cell(student=student, teacher="random", student_hyperparameters=EXPLORATION.get(student, {}))
     schedule = Schedule(*[LONGER_THAN_MEASURED] * 3)
     return list(CampaignSpec("whole_runs", (cell,), tuple(range(count)), schedule).plan().runs)
@@ -52,7 +52,7 @@ def runs_of(student: str, count: int) -> list[RunSpec]:
 
 @dataclass
 class Meter:
-    """Takes in the progress of a pool: steps, and the processor time of its processes.
+    """Progress view that measures a pool of runs: steps and processor time.
 
     Attributes:
         runs: that there are.
@@ -69,7 +69,7 @@ class Meter:
     samples: list[tuple[float, float, float, int, dict[str, float]]] = field(default_factory=list)
 
     def update(self, snapshot: Snapshot) -> None:
-        """Take a sample if all runs learn."""
+        """Add a sample if all runs are learning."""
         steps = [run.status.step for run in snapshot.running]
         if len(steps) == self.runs and min(steps) > FIRST_STEPS:
             parts = ask_learner(self.learner, "account") if self.learner else {}
@@ -79,14 +79,14 @@ class Meter:
             self.samples.append((time.monotonic(), playing, learning, sum(steps), parts))
 
     def close(self, snapshot: Snapshot) -> None:
-        """Take no last sample: runs have ended."""
+        """Do nothing, since runs have ended."""
 
     def enough(self) -> bool:
         """Return True once the measurement is over."""
         return bool(self.samples) and self.samples[-1][0] - self.samples[0][0] > self.seconds
 
     def result(self) -> dict[str, float]:
-        """Return the microseconds of the processor for a step, and the learner's shares of its time."""
+        """Return the processor time per step, in µs, and the shares of the learner's time."""
         first, last = self.samples[0], self.samples[-1]
         seconds, playing, learning, steps = (b - a for a, b in zip(first[:4], last[:4], strict=True))
         shares = {part: (last[4][part] - first[4][part]) / seconds for part in LEARNER if last[4]}
@@ -95,7 +95,7 @@ class Meter:
 
 
 def _processor_seconds() -> dict[int, float]:
-    """Return the processor time of each process below this one, s."""
+    """Return the processor time of all child processes by id, s."""
     found = {}
     for process in psutil.Process().children(recursive=True):
         try:
@@ -108,7 +108,7 @@ def _processor_seconds() -> dict[int, float]:
 
 @contextmanager
 def _placed(width: int, device: str) -> Iterator[Placement]:
-    """Lends the block a place for runs: in a cohort, or alone where `width` is 0."""
+    """Context manager with a placement of runs: in a cohort, or alone if `width` is 0."""
     if not width:
         yield Placement(device)
         return
@@ -117,7 +117,7 @@ def _placed(width: int, device: str) -> Iterator[Placement]:
 
 
 def pool(student: str, count: int, width: int, device: str, seconds: float) -> dict[str, float]:
-    """Play runs for some time, in as many processes; return what `Meter.result` does."""
+    """Execute runs for some time in parallel; return the result of `Meter`."""
     with ExitStack() as stack:
         root = stack.enter_context(tempfile.TemporaryDirectory())
         committer = Committer.open(root)
@@ -131,7 +131,7 @@ def pool(student: str, count: int, width: int, device: str, seconds: float) -> d
 
 
 def player_parts(student: str, width: int, device: str) -> dict[str, float]:
-    """Return the microseconds of the processor that each part of a player's step takes."""
+    """Return the processor times of the parts of a player's step, in µs."""
     (spec,) = runs_of(student, 1)
     environment = make_environment(spec.environment, **arguments(spec, "environment"))
     spaces = environment.observation_space, environment.action_space
@@ -157,7 +157,7 @@ def player_parts(student: str, width: int, device: str) -> dict[str, float]:
 
 
 def compare(student: str, width: int, device: str, seconds: float) -> dict[str, float | str]:
-    """Return what a step costs alone, on a processor, and in a cohort that is full; and its parts."""
+    """Return the cost of a step alone (on a CPU) and in a full cohort, and its parts."""
     alone = pool(student, width, 0, "cpu", seconds)
     together = pool(student, width, width, device, seconds)
     costs = {"alone, µs": alone["runs"], "players, µs": together["runs"], "learner, µs": together["learner"]}
@@ -168,7 +168,7 @@ def compare(student: str, width: int, device: str, seconds: float) -> dict[str, 
 
 
 def table(rows: list[dict[str, float | str]]) -> str:
-    """Return comparisons as a table: processor time of a step, and shares of the learner's time."""
+    """Return comparisons as a Markdown table."""
     lines = [f"| {' | '.join(rows[0])} |", f"|{' --- |' * len(rows[0])}"]
     for row in rows:
         cells = [f"{cell:.3g}" if isinstance(cell, float) else str(cell) for cell in row.values()]

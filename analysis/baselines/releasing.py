@@ -264,7 +264,7 @@ def add_to_release(
     *,
     about: About = DEFAULT_ABOUT,
 ) -> Path:
-    """Add the new finished runs of a root to a release, which may be new, as one lean file per table.
+    """Add a root's new finished runs to a release (created if missing), as one lean file per table.
 
     The other files of the release stay, except its card and metadata. A campaign may be running on the root.
     An interruption leaves the release unchanged.

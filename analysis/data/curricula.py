@@ -39,7 +39,7 @@ class RunCurriculum:
 
     @property
     def tasks(self) -> NDArray[np.float32]:
-        """Tasks (n, d) of the episodes, as the world builds them if the task space is shuffled."""
+        """Tasks (n, d) of the episodes, with any shuffling of the task space undone."""
         column = self.episodes["world_task" if self.shuffled else "task"]
         return stack(column)
 

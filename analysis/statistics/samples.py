@@ -168,7 +168,7 @@ def finite(values: ArrayLike) -> NDArray[np.float64]:
 
 
 def holm(p_values: ArrayLike) -> NDArray[np.float64]:
-    """Return p-values (n,) adjusted by Holm's method, where NaN stays NaN.
+    """Return p-values (n,) adjusted by Holm's method; NaN stays NaN.
 
     Raises:
         ValueError: if a value is outside [0, 1].

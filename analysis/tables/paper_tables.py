@@ -108,7 +108,7 @@ def results_of(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def _by_settings(frame: pd.DataFrame, step: int | None) -> Iterator[tuple[str, pd.DataFrame]]:
-    """Yield the results under each set of settings, preceded by a remark on the settings."""
+    """Yield a remark and the results for each set of settings."""
     shipped = pooling.shipped_together(frame["environment"].unique())
     keys = frame[["engine", "environment", "challenge"]].itertuples(index=False, name=None)
     test_sets = [

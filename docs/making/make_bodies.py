@@ -1,4 +1,4 @@
-"""Draws every body at its start, to one scale, as docs/images/bodies.png.
+"""Draw all bodies in their initial poses, to one scale: ``docs/images/bodies.png``.
 
 python docs/making/make_bodies.py --output docs/images/bodies.png
 """
@@ -33,13 +33,13 @@ Floats = NDArray[np.float64]
 
 
 def placed(position: Floats, angle: float, points: Floats) -> Floats:
-    """Return `points` (n, 2) of a frame at `position`, turned by `angle` (rad), in world axes."""
+    """Return `points` (n, 2) in world coordinates, given `position` and `angle` (rad) of their frame."""
     sine, cosine = np.sin(angle), np.cos(angle)
     return np.asarray(position + points @ np.array([[cosine, sine], [-sine, cosine]]))
 
 
 def draw(axis: Axes, body: Embodiment) -> None:
-    """Draw `body` on the ground, or hanging from the ceiling, or in the water, as its kind begins."""
+    """Draw a body in its initial pose: on the ground, at the ceiling or in the water."""
     pose = settled(body, settings_for(body))
     places = range(len(body.parts))
     outlines = [placed(pose.position[i], pose.angle[i], body.parts[i].shape.points) for i in places]
@@ -49,13 +49,13 @@ def draw(axis: Axes, body: Embodiment) -> None:
     lift = HEIGHT - 2 * MARGIN - grips(body, pose)[:, 1].max() if body.grip_sensors else 0.0
     up = np.array([0.0, lift])
     for i in sorted(places, key=lambda part: (part == body.head, -part)):
-        colour = to_rgba(HEAD if i == body.head else LIMB, 0.75)  # limbs behind the trunk show through
+        colour = to_rgba(HEAD if i == body.head else LIMB, 0.75)  # shows limbs behind the trunk
         axis.add_patch(Polygon(outlines[i] + up, facecolor=colour, edgecolor=OUTLINE, linewidth=0.9))
     for joint in body.joints:
         part = body.part_index(joint.part_b)
         anchor = np.array([body.parts[part].local(joint.anchors[1])])
         x, y = placed(pose.position[part], pose.angle[part], anchor)[0] + up
-        if joint.outside_parts:  # a neck
+        if joint.outside_parts:  # such as a neck
             neck = np.array([(x, y), pose.position[body.part_index(joint.part_a)] + up])
             axis.plot(*neck.T, color=OUTLINE, linewidth=3, zorder=0.9, solid_capstyle="butt")
         face = "white" if joint.passive else OUTLINE
@@ -66,7 +66,7 @@ def draw(axis: Axes, body: Embodiment) -> None:
 
 
 def grips(body: Embodiment, pose: BodyArrays) -> Floats:
-    """Return the centres of the grip sensors (g, 2), in m over the ground."""
+    """Return the centres of the grip sensors (g, 2), in m above the ground."""
     centres = []
     for sensor in body.grip_sensors:
         part = body.part_index(sensor.part)
@@ -76,7 +76,7 @@ def grips(body: Embodiment, pose: BodyArrays) -> Floats:
 
 
 def draw_world(axis: Axes, body: Embodiment, left: float) -> None:
-    """Draw ground, water for those that live in it, and the ceiling for those that hang from it."""
+    """Draw the ground, the water of swimmers, and the ceiling of climbers."""
     axis.set(xlim=(left, left + WIDTH), ylim=(-MARGIN, HEIGHT - MARGIN), aspect="equal", xticks=[], yticks=[])
     axis.set_facecolor(WATER if body.steps_survivable_under_water is None else SKY)
     axis.add_patch(Rectangle((left, -MARGIN), WIDTH, MARGIN, facecolor=SOIL, edgecolor=SOIL_EDGE))
@@ -89,14 +89,14 @@ def draw_world(axis: Axes, body: Embodiment, left: float) -> None:
 
 
 def caption(body: Embodiment) -> str:
-    """Return what a body is and acts with."""
+    """Return a caption with type, mass, motors and grips of a body."""
     grip = f", {len(body.grip_sensors)} grips" if body.grip_sensors else ""
     mass = sum(piece.mass for piece in (*body.parts, *body.grip_sensors))
     return f"{body.body_type}, {mass:.1f} kg, {len(body.motors)} motors{grip}"
 
 
 def main() -> None:
-    """Write the picture."""
+    """Write the picture of all bodies."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--bodies", nargs="*", default=embodiment_names(), metavar="NAME")
     parser.add_argument("--output", type=Path, default=Path("docs/images/bodies.png"))

@@ -1,4 +1,4 @@
-"""Draws worlds of Stump Tracks, and a picture of each challenge.
+"""Draw worlds of Stump Tracks, and a picture of each challenge.
 
 python docs/making/make_challenge_pictures.py --output docs/images
 """
@@ -29,24 +29,24 @@ SEED = 3
 
 
 def height_axis(axis: Axes, low: float, high: float) -> None:
-    """Label an axis over stump heights `low` to `high` and all gaps."""
+    """Set the limits and labels of axes over stump heights from `low` to `high` and all gaps."""
     axis.set(xlim=(low - 0.2, high + 0.2), ylim=(-0.3, 6.3))
     axis.set(xlabel="mean stump height (terrain steps)", ylabel="gap between stumps (m)")
     axis.spines[["top", "right"]].set_visible(False)
 
 
 def box(axis: Axes, low: float, high: float, colour: str, **look: object) -> None:
-    """Draw the tasks with stump heights `low` to `high`."""
+    """Draw the box of tasks with stump heights from `low` to `high`."""
     axis.add_patch(Rectangle((low, 0), high - low, 6, facecolor=colour, edgecolor="none", **look))
 
 
 def tests(axis: Axes) -> None:
-    """Draw the test tasks."""
+    """Draw the test tasks as dots."""
     axis.scatter(*TESTS.T, s=7, color=INK, zorder=3, linewidth=0)
 
 
 def original() -> Figure:
-    """Return the original space, its test tasks and the easy task."""
+    """Return a figure of the original task space with the test tasks and the easy task."""
     figure, axis = plt.subplots(figsize=(4.4, 3.1), layout="constrained")
     box(axis, 0, 3, SPACE)
     tests(axis)
@@ -57,7 +57,7 @@ def original() -> Figure:
 
 
 def mostly_unfeasible() -> Figure:
-    """Return the space of heights to 9, of which no body masters the upper two thirds."""
+    """Return a figure of the task space whose upper two thirds (heights up to 9) no body masters."""
     figure, axis = plt.subplots(figsize=(6.4, 2.9), layout="constrained")
     box(axis, 0, 3, SPACE)
     box(axis, 3, 9, HARD, alpha=0.25)
@@ -68,7 +68,7 @@ def mostly_unfeasible() -> Figure:
 
 
 def mostly_trivial() -> Figure:
-    """Return the space of heights from -3, half of which is flat ground."""
+    """Return a figure of the task space whose lower half (heights from -3) is flat ground."""
     figure, axis = plt.subplots(figsize=(6.0, 2.9), layout="constrained")
     box(axis, -3, 0, EASY, alpha=0.3)
     box(axis, 0, 3, SPACE)
@@ -79,7 +79,7 @@ def mostly_trivial() -> Figure:
 
 
 def forgetting_student() -> Figure:
-    """Return a time line of a run: evaluations, and where the student starts anew."""
+    """Return a time line of a run with evaluations and resets of the student."""
     schedule = Schedule()
     million = schedule.steps / 1e6
     resets = [share * million for share in find_challenge("stump_tracks", "forgetting_student").resets]
@@ -103,7 +103,7 @@ def forgetting_student() -> Figure:
 
 
 def rugged_difficulty() -> Figure:
-    """Return difficulty over the world's space, and over that which the teacher of seed 3 sees."""
+    """Return maps of difficulty over the world's task space and over the shuffled one of the teacher."""
     heights, gaps = (np.linspace(low, high, 161)[:-1] + 1e-3 for low, high in ((0, 3), (0, 6)))
     tasks = np.stack(np.meshgrid(heights, gaps), axis=-1).astype(np.float32)
     shuffled = ShuffledSpace.shuffle(ORIGINAL, np.random.default_rng(SEED))
@@ -120,7 +120,7 @@ def rugged_difficulty() -> Figure:
 
 
 def diverse_students() -> Figure:
-    """Return the bodies that are pooled; each learns with each student."""
+    """Return a figure of the pooled bodies, with the students that train on them."""
     (matrix,) = (each for each in STUMP_TRACKS_CHALLENGES if each.name == "diverse_students")
     figure, axes = plt.subplots(1, 2, figsize=(5.4, 3.7), layout="constrained")
     for axis, name in zip(axes, matrix.embodiments, strict=True):
@@ -130,7 +130,7 @@ def diverse_students() -> Figure:
 
 
 def worlds() -> Figure:
-    """Return the ground of nine tasks."""
+    """Return a figure of the ground of nine tasks."""
     figure, axes = plt.subplots(3, 3, figsize=(9, 2.7), layout="constrained", sharex=True, sharey=True)
     for row, height in zip(axes, (0.0, 1.5, 3.0), strict=True):
         for axis, gap in zip(row, (0.5, 3.0, 6.0), strict=True):
@@ -147,7 +147,7 @@ def worlds() -> Figure:
 
 
 def lidars() -> np.ndarray:
-    """Return a frame of the environment: the walker before stumps, with what it sees (height, width, 3)."""
+    """Return a frame (height, width, 3) of the environment: the walker before stumps, with its lidars."""
     environment = make_environment("stump_tracks", render_mode="rgb_array")
     environment.reset(seed=SEED, options={"task": [1.5, 1.0]})
     frame = np.asarray(environment.render())
@@ -167,7 +167,7 @@ PICTURES = {
 
 
 def main() -> None:
-    """Write a PNG for each of `PICTURES`, and stump_tracks_start.png."""
+    """Write the PNG files of `PICTURES`, and stump_tracks_start.png."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--output", type=Path, default=Path("docs/images"))
     options = parser.parse_args()

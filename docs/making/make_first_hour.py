@@ -1,9 +1,9 @@
-"""Type first commands in an empty folder, as a terminal shows them, for the page "Get started".
+"""Record the commands of the page "Get started" with their output, run in an empty folder.
 
 python -m venv venv && venv/bin/pip install torch dist/tma_ray-*.whl
 python docs/making/make_first_hour.py venv/bin empty
 
-A command that the transcript has already is not run again. A command that fails ends the hour.
+Commands that are in the transcript are not run again. A command that fails ends the script.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ PROGRESS: Final = re.compile(r"^\d+/\d+ runs done, .*(left|waiting|running|steps
 
 
 def run(command: str, binaries: Path, folder: Path) -> str:
-    """Return a command, its output without progress, and its seconds, typed in a shell of 80 columns.
+    """Run a command in a shell of 80 columns; return it with its output, without progress, and its seconds.
 
     Raises:
-        SystemExit: the command fails.
+        SystemExit: if the command fails.
     """
     search = os.pathsep.join([str(binaries.absolute()), os.environ["PATH"]])
     environment = os.environ | {"PATH": search, "COLUMNS": "80"}
@@ -51,13 +51,13 @@ def run(command: str, binaries: Path, folder: Path) -> str:
 
 
 def readme_teacher() -> str:
-    """Return the teacher that the README shows."""
+    """Return the source of the teacher in the README."""
     after = (ROOT / "README.md").read_text().partition("## Write a teacher")[2]
     return after.partition("```python\n")[2].partition("```")[0]
 
 
 def main() -> None:
-    """Run the commands that the transcript lacks."""
+    """Run the commands that are missing in the transcript."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("binaries", type=Path, help="where the environment has tma-ray")
     parser.add_argument("folder", type=Path, help="where to type; empty at first")

@@ -1,9 +1,9 @@
-"""Draws the pictures of a release for the leaderboard: differences, strips and films.
+"""Draw the pictures of a release for the leaderboard: differences, film strips and animations.
 
 python docs/making/make_leaderboard_pictures.py lite-2 --output docs/images/leaderboard
 
-``--differences`` draws those alone. In curricula, each teacher is shown by its run with the first seed, so
-that pictures stay true while a release grows.
+``--differences`` draws the differences alone. Curricula are those of each teacher's first seed, which does
+not change while a release grows.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ FRAMES, DPI, COLOURS = 9, 90, 64
 
 
 def main() -> None:
-    """Write NAME-1.svg, …, and NAME-CHALLENGE.png, NAME-CHALLENGE-1.gif, …, films of some teachers."""
+    """Write differences as NAME-1.svg, film strips as NAME-CHALLENGE.png, and animations as GIF files."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("release", help="name, folder or address of a release with curricula")
     parser.add_argument("--output", type=Path, required=True, metavar="FOLDER", help="made if missing")
@@ -51,9 +51,9 @@ def main() -> None:
 
 
 def first_runs(frames: Frames) -> Iterator[tuple[str, pd.DataFrame]]:
-    """Yield each challenge of Stump Tracks and the run of each teacher there.
+    """Yield the challenges of Stump Tracks, each with one run per teacher.
 
-    It is that with the highest level, the first body and the first seed.
+    The run has the highest level of expert knowledge, the first body and the first seed.
     """
     cells = frames.cells
     done = cells[(cells["status"] == "done") & (cells["environment"] == "stump_tracks")]

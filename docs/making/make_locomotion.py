@@ -1,4 +1,4 @@
-"""Plots learning curves in Parkour and films the best runs, from results of benchmarks/locomotion.py.
+"""Plot learning curves in Parkour and animate the best runs, from results of benchmarks/locomotion.py.
 
 python docs/making/make_locomotion.py build/locomotion --output docs/images
 """
@@ -39,7 +39,7 @@ def evaluations(roots: list[Path]) -> pd.DataFrame:
 
 
 def draw(axes: Axes, challenge: str, rows: pd.DataFrame) -> None:
-    """Plot the curve of every seed in a challenge, and the mean return of random actions."""
+    """Plot the learning curve of every seed on a challenge, and the mean return of random actions."""
     body = BODIES[challenge]
     for colour, (seed, curve) in zip(SEED_COLOURS, rows.groupby("seed"), strict=False):
         curve = curve.sort_values("step")
@@ -53,7 +53,7 @@ def draw(axes: Axes, challenge: str, rows: pd.DataFrame) -> None:
 
 
 def film(challenge: str, rows: pd.DataFrame, folder: Path) -> Path:
-    """Films the run that did best at its last evaluation; returns the file."""
+    """Write an animation of the run with the highest return at its last evaluation; return the file."""
     last = rows[rows.step == rows.step.max()]
     best = last.loc[last.episodic_return.idxmax()]
     path = folder / f"learned_{challenge.removeprefix('easy_')}.gif"
@@ -62,7 +62,7 @@ def film(challenge: str, rows: pd.DataFrame, folder: Path) -> Path:
 
 
 def main() -> None:
-    """Write locomotion.png and a film of each challenge."""
+    """Write locomotion.png and an animation of each challenge."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument(
         "roots", type=Path, nargs="+", help="finished results roots, each challenge in one only"

@@ -1,4 +1,4 @@
-"""Makes the small dataset of the notebooks: a few runs of a finished campaign, as a release.
+"""Make the small data set of the notebooks: a few runs of a finished campaign, as a release.
 
 python experiments/stump_tracks_challenges.py --tier lite --teachers random,alp_gmm --expert-knowledge none \
     --results lite
@@ -30,7 +30,7 @@ LEFT_BEHIND = ("checkpoints", "staging", "logs", "tmp", "lease.json", "heartbeat
 
 
 def main() -> None:
-    """Write the folder `NAME`, a results root of its own."""
+    """Write the data set to the folder `NAME`, which is a results root."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("root", type=Path, help="results root of the campaign, in a folder")
     parser.add_argument("--output", type=Path, required=True, metavar="FOLDER", help=f"{NAME} is made in it")
@@ -48,14 +48,14 @@ def main() -> None:
 
 
 def best_run(frames: Frames, cells: pd.DataFrame) -> str:
-    """Return the run of `cells` that masters most, by mean return where several do."""
+    """Return the run of `cells` with the most mastered tasks, ties broken by the mean return."""
     measured = run_measures(frames)
     measured = measured[measured["run_id"].isin(cells["run_id"])]
     return str(measured.sort_values(["mastered_percent", "evaluation_return"])["run_id"].iloc[-1])
 
 
 def _keep(store: Store, frames: Frames, runs: set[str], best: str) -> None:
-    """Delete all but `runs` from a root, and all saved policies but that of the `best`."""
+    """Delete all runs except `runs` from a root, and all policies except that of `best`."""
     for run_id in set(frames.cells["run_id"]) - runs:
         if store.exists(manifest_path(run_id)):
             store.delete(manifest_path(run_id))

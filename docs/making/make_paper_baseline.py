@@ -1,4 +1,4 @@
-"""Makes the baseline paper-2021 of the package from the paper's tables (tma_ray/benchmark/paper_results.csv).
+"""Make the baseline paper-2021 of the package from the paper's tables (tma_ray/benchmark/paper_results.csv).
 
 python docs/making/make_paper_baseline.py --output analysis/baselines
 
@@ -41,7 +41,7 @@ LICENCE = "Facts from the paper, which is to be cited for them."
 
 
 def main() -> None:
-    """Write the folder."""
+    """Write the folder of the baseline."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument(
         "--output", type=Path, required=True, metavar="FOLDER", help="paper-2021 is made in it"

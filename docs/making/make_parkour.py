@@ -1,4 +1,4 @@
-"""Draws twelve worlds of Parkour, each with a body that it suits, and the README's moving picture.
+"""Draw twelve worlds of Parkour with suitable bodies, and the animation of the README.
 
 python docs/making/make_parkour.py --output docs/images
 """
@@ -56,7 +56,7 @@ Acting = Callable[[int, Engine], Action]
 
 @dataclass(frozen=True)
 class View:
-    """One cell of the sheet.
+    """Cell of the picture: a body in a world of Parkour.
 
     Attributes:
         body: its name.
@@ -112,7 +112,7 @@ CLIP_SIZE = 360, 240
 
 
 def world_of(view: View, cppn: CPPN) -> tuple[Terrain, NDArray[np.float32]]:
-    """Return the world of a cell, with its spawn point, and its task."""
+    """Return the world of a cell, and its task."""
     theta = np.array(view.theta, np.float32)
     ground, ceiling = outlines(theta, view.delta, cppn)
     level = 0.0
@@ -129,7 +129,7 @@ def world_of(view: View, cppn: CPPN) -> tuple[Terrain, NDArray[np.float32]]:
 
 
 def level_place(segments: NDArray[np.float64], x: float) -> float:
-    """Return the place nearest to `x` around which ground or ceiling is level, in m."""
+    """Return the level place of the ground or ceiling that is nearest to `x`, in m."""
     lefts, heights = segments[1:-1, 0], segments[1:-1, 1]
     spread = [np.ptp(heights[np.abs(lefts - left) < LEVEL[0]]) for left in lefts]
     level = lefts[np.array(spread) <= max(LEVEL[1], min(spread))]
@@ -137,7 +137,7 @@ def level_place(segments: NDArray[np.float64], x: float) -> float:
 
 
 def keep_pose(engine: Engine) -> Acting:
-    """Return the acting of one who keeps the joints as they are, and grips closed."""
+    """Return a policy that keeps the joint angles, and the grips closed."""
     first, second = engine.arrays.joint_parts.T
     wanted = engine.state[second, 2] - engine.state[first, 2]
 
@@ -149,13 +149,13 @@ def keep_pose(engine: Engine) -> Acting:
 
 
 def wriggle(engine: Engine) -> Acting:
-    """Return the acting of one who beats up and down, each joint a little before the last."""
+    """Return a policy of a swimmer: oscillating joints with a phase shift between them."""
     phases = 0.9 * np.arange(len(engine.arrays.motors))
     return lambda step, _: np.sin(2 * np.pi * step / STROKE + phases)
 
 
 def swing(engine: Engine, seed: int = 0) -> Acting:
-    """Return the acting of one who moves at random and opens a hand now and then."""
+    """Return a policy with random motor actions that opens a random grip at times."""
     rng, motors = np.random.default_rng(seed), len(engine.arrays.motors)
     drawn = np.ones(motors + len(engine.grips))
 
@@ -171,12 +171,12 @@ def swing(engine: Engine, seed: int = 0) -> Acting:
 
 
 def engine_of(body: Embodiment) -> Engine:
-    """Return the engine that Parkour has for `body`."""
+    """Return the physics engine of Parkour for `body`."""
     return make_engine(body, Rules("parkour", body.lidars, observes_medium=True))
 
 
 def play(view: View, body: Embodiment, terrain: Terrain) -> tuple[Engine, NDArray[np.float32]]:
-    """Return the engine with the body as it is shown, and its last observation."""
+    """Return the engine after the steps of a cell, and the last observation."""
     engine = engine_of(body)
     observation = engine.reset(terrain, 0.0)
     if view.grasp:
@@ -193,12 +193,12 @@ def play(view: View, body: Embodiment, terrain: Terrain) -> tuple[Engine, NDArra
 
 
 def _straddles(held: NDArray[np.int64]) -> bool:
-    """Tell whether the hands hold different things, none of them nothing."""
+    """Return True if all hands hold something, and not all the same thing."""
     return bool(np.all(held > NOTHING)) and len(set(held.tolist())) > 1
 
 
 def draw_map(axis: Axes, terrain: Terrain, x: float, y: float) -> None:
-    """Draw the whole world, and where in it the body is."""
+    """Draw a map of the whole world with the position of the body."""
     ends = np.linspace(0, terrain.goal_x, 800)
     ground, ceiling = (height_at(segments, ends) for segments in (terrain.surface, terrain.ceiling))
     low, high = ground.min() - 2, ceiling.max() + 2
@@ -212,7 +212,7 @@ def draw_map(axis: Axes, terrain: Terrain, x: float, y: float) -> None:
 
 
 def caption(view: View, task: NDArray[np.float32]) -> str:
-    """Return the name of the body and the task."""
+    """Return a caption with the body and the task."""
     theta = ", ".join(f"{value:g}" for value in view.theta)
     water = "dry" if view.water is None else f"water {task[3]:.2f}"
     creepers = f"creepers {view.creepers[0]:g} m every {view.creepers[1]:g} m"
@@ -223,7 +223,7 @@ def caption(view: View, task: NDArray[np.float32]) -> str:
 
 
 def sheet(path: Path) -> None:
-    """Draw all cells."""
+    """Draw the picture of all cells."""
     rows = -(-len(SHEET) // COLUMNS)
     size = COLUMNS * CELL[0] + GAP, rows * CELL[1]
     figure = plt.figure(figsize=size)
@@ -246,12 +246,12 @@ def sheet(path: Path) -> None:
 
 
 def _share(box: tuple[float, ...], size: tuple[float, float]) -> tuple[float, ...]:
-    """Return left, bottom, width and height in inches as shares of a figure of `size`."""
+    """Convert left, bottom, width and height from inches to shares of a figure of `size`."""
     return tuple(value / size[index % 2] for index, value in enumerate(box))
 
 
 def clip(view: View, acting: Callable[[Engine], Acting]) -> list[NDArray[np.uint8]]:
-    """Return frames of a body that acts from its start on, (height, width, 3) each."""
+    """Return the frames (height, width, 3) of a body that acts under a policy."""
     body, (terrain, _) = load_embodiment(view.body), world_of(view, CPPN.load(DEFAULT_WEIGHTS))
     engine, frames, renderer = engine_of(body), [], Renderer(body, False, 50)
     observation, act = engine.reset(terrain, 0.0), acting(engine)
@@ -264,7 +264,7 @@ def clip(view: View, acting: Callable[[Engine], Acting]) -> list[NDArray[np.uint
 
 
 def moving(path: Path) -> None:
-    """Write a chimpanzee and a fish side by side."""
+    """Write the animation of a chimpanzee and a fish side by side."""
     both = zip(clip(CLIMBER, partial(swing, seed=CLIMBER.seed)), clip(SWIMMER, wriggle), strict=True)
     write_frames(path, [np.concatenate(pair, axis=1) for pair in both], Fraction(50, STEPS_PER_FRAME))
 

@@ -1,4 +1,4 @@
-"""Draws Parkour's terrain: what the network's inputs do, examples of the test sets, and how hard these are.
+"""Draw Parkour's terrain: effects of the network's inputs, examples of test tasks, their difficulty.
 
 python docs/making/make_parkour_pictures.py --output docs/images
 """
@@ -38,7 +38,7 @@ def world(task: np.ndarray) -> Terrain:
 
 
 def draw(axis: Axes, terrain: Terrain, *, creepers: bool = True) -> None:
-    """Draw a world, with its `creepers` or without."""
+    """Draw a world with or without creepers."""
     bottom, top = terrain.spawn[1] - BELOW, terrain.spawn[1] + ABOVE
     lines = [np.vstack([line[:, :2], line[-1:, 2:]]) for line in (terrain.surface, terrain.ceiling)]
     axis.fill_between([0, LENGTH], bottom, terrain.water_y, color=WATER, alpha=0.45, lw=0)
@@ -51,7 +51,7 @@ def draw(axis: Axes, terrain: Terrain, *, creepers: bool = True) -> None:
 
 
 def inputs() -> plt.Figure:
-    """Return the figure of terrains along each input, the others at the medium space's centre."""
+    """Return a figure of terrains over single inputs, with the others at the centre of the medium space."""
     shares = np.linspace(-1, 1, 5)
     figure, axes = plt.subplots(4, len(shares), figsize=(15, 6.9), layout="constrained")
     for row, (name, reach) in enumerate((("theta_1", 1), ("theta_2", 1), ("theta_3", 1), ("theta_2", 0.2))):
@@ -69,18 +69,18 @@ def inputs() -> plt.Figure:
 
 
 def rated(name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return a test set's tasks (100, 8) and their difficulties (100,)."""
+    """Return the tasks (100, 8) of a test set and their difficulties (100,)."""
     tasks = load_test_set(f"parkour_{name}").tasks
     return tasks, np.array([difficulty(demands(world(task), BODIES[name])) for task in tasks])
 
 
 def class_of(ranks: np.ndarray) -> list[str]:
-    """Return the classes of tasks by their place in the order of difficulty, from 0 to 99."""
+    """Return the difficulty classes of tasks, given their ranks by difficulty from 0 to 99."""
     return [list(CLASSES)[min(2, int(3 * (rank + 0.5) / 100))] for rank in ranks]
 
 
 def examples() -> plt.Figure:
-    """Return the figure of examples: one row for each body, from the easiest to the hardest task."""
+    """Return a figure of example test tasks, one row per body, from easy to hard."""
     figure, axes = plt.subplots(3, 4, figsize=(15, 6.2), layout="constrained")
     for row, name in zip(axes, BODIES, strict=True):
         tasks, values = rated(name)
@@ -97,7 +97,7 @@ def examples() -> plt.Figure:
 
 
 def order_of_difficulty() -> plt.Figure:
-    """Return the figure of the thirds: the demands of every task, in the order of difficulty."""
+    """Return a figure of the difficulty of all test tasks in rising order, coloured by class."""
     figure, axes = plt.subplots(1, 3, figsize=(15, 4.2), layout="constrained", sharex=True)
     for axis, (name, body_type) in zip(axes, BODIES.items(), strict=True):
         tasks, values = rated(name)

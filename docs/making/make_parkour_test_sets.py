@@ -1,9 +1,9 @@
-"""Draws Parkour's three test sets: 100 tasks each that the body can master, a third easy, medium, and hard.
+"""Sample Parkour's three test sets: 100 feasible tasks each, a third of them easy, medium and hard.
 
 python docs/making/make_parkour_test_sets.py --output tma_ray/benchmark/test_sets
 
 As in the paper, 60 tasks are from the medium task space and 40 are not: 20 with theta outside it, 20 with
-another delta. Prints the shares of random tasks that are feasible, and where the thirds are cut.
+another delta. Prints the shares of random tasks that are feasible, and the limits of the thirds.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ Draw = Callable[[np.random.Generator], np.ndarray]
 
 
 def inside(rng: np.random.Generator) -> np.ndarray:
-    """Return a task of the medium space (8,)."""
+    """Return a random task (8,) of the medium space."""
     return MEDIUM.clip(np.round(MEDIUM.sample(rng).astype(np.float64), DECIMALS))
 
 
 def other_theta(rng: np.random.Generator) -> np.ndarray:
-    """Return a task (8,) whose theta is in the hard space only."""
+    """Return a random task (8,) with a theta of the hard space outside the medium one."""
     while True:
         task = HARD.clip(np.round(HARD.sample(rng).astype(np.float64), DECIMALS))
         if not MEDIUM.contains(task):
@@ -47,7 +47,7 @@ def other_theta(rng: np.random.Generator) -> np.ndarray:
 
 
 def other_delta(rng: np.random.Generator) -> np.ndarray:
-    """Return a task (8,) of the medium space but for its delta."""
+    """Return a random task (8,) of the medium space with another delta."""
     task = inside(rng)
     task[-1] = np.round(rng.uniform(*DELTA), 1)
     return other_delta(rng) if task[-1] == 10 else task
@@ -62,13 +62,13 @@ SOURCES: tuple[tuple[str, Draw, tuple[int, int, int]], ...] = (
 
 
 def judge(task: np.ndarray, body_type: str, cppn: CPPN) -> float:
-    """Return the difficulty of a task (8,), infinite where it is not feasible."""
-    # Creepers' heights, all that is random, make no difference to the demands.
+    """Return the difficulty of a task (8,), infinite if it is not feasible."""
+    # Only the heights of creepers are random, which do not affect the demands.
     return difficulty(demands(parkour(task, np.random.default_rng(0), cppn=cppn), body_type))
 
 
 def thirds(body_type: str, cppn: CPPN, rng: np.random.Generator) -> tuple[np.ndarray, float]:
-    """Return where the feasible tasks of the medium space are cut (2,), and their share."""
+    """Return the difficulties (2,) between thirds of feasible tasks of the medium space, and their share."""
     values = np.array([judge(inside(rng), body_type, cppn) for _ in range(REFERENCE_TASKS)])
     feasible = values[np.isfinite(values)]
     return np.quantile(feasible, [1 / 3, 2 / 3]), len(feasible) / len(values)
@@ -81,7 +81,7 @@ def choose(
     cuts: np.ndarray,
     rng: np.random.Generator,
 ) -> tuple[list[tuple[float, np.ndarray]], float]:
-    """Return (difficulty, task) of as many tasks of each third as `quotas` say, and the feasible share."""
+    """Return `quotas` tasks of each third as (difficulty, task), and the share of feasible tasks."""
     found: list[list[tuple[float, np.ndarray]]] = [[] for _ in quotas]
     drawn = feasible = 0
     while any(len(tasks) < quota for tasks, quota in zip(found, quotas, strict=True)):
@@ -98,7 +98,7 @@ def choose(
 
 
 def make(name: str, seed: int, cppn: CPPN) -> TestSet:
-    """Return a body type's test set: the medium space's tasks first, those of each source by difficulty."""
+    """Return the test set of a body type: tasks by source, the medium space first, and by difficulty."""
     body_type, rng = BODY_TYPES[name], np.random.default_rng(seed)
     cuts, share = thirds(body_type, cppn, rng)
     print(f"{name}: thirds cut at {cuts.round(3).tolist()}; {share:.1%} of the medium space are feasible")
@@ -111,7 +111,7 @@ def make(name: str, seed: int, cppn: CPPN) -> TestSet:
 
 
 def main() -> None:
-    """Write the three files."""
+    """Write the files of the three test sets."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--output", type=Path, default=Path("tma_ray/benchmark/test_sets"))
     options = parser.parse_args()

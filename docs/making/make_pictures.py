@@ -1,4 +1,4 @@
-"""Draws the pictures of the README from a finished quickstart.
+"""Draw the pictures of the README from a finished quickstart.
 
 python docs/making/make_pictures.py results --output docs/images
 """
@@ -22,7 +22,7 @@ FRAMES = 3
 
 
 def best_run(results: Results) -> tuple[str, str]:
-    """Return run id and student of the run with the highest mean return at its last evaluation."""
+    """Return the run with the highest mean return at its last evaluation: run id and student."""
     rows = results.table(Table.EVALUATIONS, columns=["run_id", "step", "episodic_return"]).to_pandas()
     last = rows[rows.step == rows.step.max()]
     run_id = str(last.groupby("run_id", observed=True).episodic_return.mean().idxmax())
@@ -30,7 +30,7 @@ def best_run(results: Results) -> tuple[str, str]:
 
 
 def walk(root: Path) -> np.ndarray:
-    """Return frames of the best policy side by side, (height, width, 3)."""
+    """Return frames of an episode of the best policy side by side (height, width, 3)."""
     run_id, student = best_run(Results.open(root))
     policy = load_policy(student, root / policy_folder(run_id))
     environment = make_environment("stump_tracks", render_mode="rgb_array")

@@ -1,4 +1,4 @@
-"""Builds the playground: the engine from pinned sources, the page of the site, and the film of the README.
+"""Build the playground: the engine from pinned sources, the page of the site, the animation of the README.
 
 python docs/making/make_playground.py results --task 0.6,4
 
@@ -39,7 +39,7 @@ def digest(content: bytes) -> str:
 
 
 def page(root: str, task: tuple[float, ...], seed: int) -> tuple[str, list[str]]:
-    """Return the page with the policies of a results root, and the ids of their runs."""
+    """Return the HTML page with the policies of a results root, and the ids of their runs."""
     records = []
     for manifest in Results.open(root).runs():
         saved = find_policy(manifest.run.run_id, root)
@@ -50,7 +50,7 @@ def page(root: str, task: tuple[float, ...], seed: int) -> tuple[str, list[str]]
 
 
 def film(file: Path, output: Path) -> None:
-    """Write the first seconds of what a page plays, frame by frame, without its controls."""
+    """Write an animation of the first seconds of a page, without its controls."""
     frames = []
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
@@ -59,7 +59,7 @@ def film(file: Path, output: Path) -> None:
         shown.wait_for_function("window.playground")
         style = f"position: fixed; inset: 0; width: {FILM_SIZE[0]}px; height: {FILM_SIZE[1]}px; min-height: 0"
         shown.evaluate(f"playground.set('playing', false); playground.restart(); world.style = '{style}'")
-        for name in ("sky-top", "sky-bottom"):  # of one colour, which takes half the space
+        for name in ("sky-top", "sky-bottom"):  # a plain sky halves the size of the file
             shown.evaluate(f"document.documentElement.style.setProperty('--{name}', '#d9e8f3')")
         shown.evaluate("shades.clear()")
         for _ in range(FRAMES):
@@ -77,7 +77,7 @@ def film(file: Path, output: Path) -> None:
 
 
 def main() -> None:
-    """Build everything."""
+    """Build engine, page and animation."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("root", help="results root with the policies that the page has")
     parser.add_argument("--task", default="0.6,4", help="task that the page plays first")

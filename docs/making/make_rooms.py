@@ -1,4 +1,4 @@
-"""Draw the rooms of the code, the floors of their contract and their imports: ``docs/images/rooms.svg``."""
+"""Draw the packages ("rooms") of the code, their layers ("floors") and imports: ``docs/images/rooms.svg``."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ Edge = tuple[str, str]
 
 
 def floors() -> list[list[str]]:
-    """Return the rooms of each floor, from the top, as the first contract of import-linter lists them."""
+    """Return the rooms of each floor from top to bottom, from the first contract of import-linter."""
     contracts = tomllib.loads((HOUSE / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
     return [[room.strip() for room in layer.split("|")] for layer in contracts[0]["layers"]]
 
 
 def _imported(path: Path) -> Iterator[str]:
-    """Return the names of all modules that a file imports."""
+    """Yield the names of all modules that a file imports."""
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.ImportFrom) and node.module:
             yield from (f"{node.module}.{alias.name}" for alias in node.names)
@@ -46,7 +46,7 @@ def _imported(path: Path) -> Iterator[str]:
 
 
 def imports(rooms: Iterable[str]) -> dict[str, set[str]]:
-    """Return the other rooms that each room imports."""
+    """Return the rooms that each room imports, except itself."""
     rooms = sorted(rooms)
     imported = {}
     for room in rooms:
@@ -63,7 +63,7 @@ def imports(rooms: Iterable[str]) -> dict[str, set[str]]:
 
 
 def without_detours(graph: Mapping[str, set[str]]) -> dict[str, set[str]]:
-    """Return a graph without the edges that a longer path replaces (its transitive reduction)."""
+    """Return the transitive reduction of a graph."""
 
     def reached(room: str) -> set[str]:
         return graph[room].union(*(reached(target) for target in graph[room]))
@@ -72,7 +72,7 @@ def without_detours(graph: Mapping[str, set[str]]) -> dict[str, set[str]]:
 
 
 def _lanes(rows: list[list[str]], graph: Mapping[str, set[str]]) -> tuple[list[list[str]], list[list[str]]]:
-    """Return the rows with a lane for each arrow that passes a floor, and the path of every arrow."""
+    """Return the floors with a dummy node for every arrow that passes one, and the nodes of every arrow."""
     level = {room: number for number, row in enumerate(rows) for room in row}
     rows = [list(row) for row in rows]
     paths = []
@@ -90,7 +90,7 @@ def _width(node: str) -> float:
 
 
 def _columns(row: list[str]) -> dict[str, float]:
-    """Return the centre of each node of a floor, in pixels: all gaps are equal."""
+    """Return the centres of the nodes of a floor with equal gaps, in pixels."""
     gap = (WIDTH - sum(map(_width, row))) / (len(row) + 1)
     centres, left = {}, gap
     for node in row:
@@ -100,7 +100,7 @@ def _columns(row: list[str]) -> dict[str, float]:
 
 
 def ordered(rows: list[list[str]], edges: Iterable[Edge]) -> list[list[str]]:
-    """Return the floors with their rooms in an order of few crossings: by the mean of their neighbours."""
+    """Return the floors, with rooms ordered by the mean position of their neighbours, for few crossings."""
     neighbours: dict[str, list[str]] = {node: [] for row in rows for node in row}
     for upper, lower in edges:
         neighbours[upper].append(lower)
@@ -120,7 +120,7 @@ def ordered(rows: list[list[str]], edges: Iterable[Edge]) -> list[list[str]]:
 
 
 def straightened(rows: list[list[str]], edges: Iterable[Edge]) -> dict[str, float]:
-    """Return the centre of each node, in pixels: between its neighbours, as far as its floor has room."""
+    """Return the centres of all nodes, in pixels, as near to the mean of their neighbours as possible."""
     centres = {node: column for row in rows for node, column in _columns(row).items()}
     neighbours: dict[str, list[str]] = {node: [] for row in rows for node in row}
     for edge in edges:
@@ -131,13 +131,13 @@ def straightened(rows: list[list[str]], edges: Iterable[Edge]) -> dict[str, floa
             desired = [fmean(centres[other] for other in neighbours[node]) for node in row]
             gaps = ((_width(left) + _width(right)) / 2 + GAP for left, right in pairwise(row))
             offsets = np.array(list(accumulate(gaps, initial=0)))
-            spread = isotonic_regression(desired - offsets).x + offsets  # keeps order and gaps
+            spread = isotonic_regression(desired - offsets).x + offsets  # keeps the order and minimum gaps
             centres |= dict(zip(row, map(float, spread), strict=True))
     return centres
 
 
 def picture() -> str:
-    """Return the drawing."""
+    """Return the drawing as SVG."""
     names = floors()
     rows, paths = _lanes(names, without_detours(imports(room for row in names for room in row)))
     edges = [edge for path in paths for edge in pairwise(path)]

@@ -1,4 +1,4 @@
-"""Trains the examples of teachers in other training loops, and draws what their students master.
+"""Train the examples of teachers in other training loops, and plot the share of mastered tasks.
 
     python docs/making/make_taught_loops.py --seeds 5
 
@@ -31,17 +31,17 @@ TEACHERS = {
 
 
 def train(example: str, teacher: str, seed: int) -> float:
-    """Return the share of test tasks that the student of an example masters."""
+    """Train an example, and return the share of test tasks that its student masters."""
     sys.path.append(str(ROOT / "examples"))
     with tempfile.TemporaryDirectory() as folder:
-        os.chdir(folder)  # where examples save their curricula
+        os.chdir(folder)  # examples save their curricula in the working directory
         share: float = importlib.import_module(example).train(teacher, seed)
         os.chdir(ROOT)
     return share
 
 
 def draw(axes: Axes, example: str, rows: pd.DataFrame) -> None:
-    """Draw each seed as a line between its teachers, and the means."""
+    """Plot the results of each seed as a line between teachers, and the means."""
     shares = 100 * rows.pivot_table("mastered", "seed", "teacher")[list(TEACHERS[example])]
     axes.plot(range(shares.shape[1]), shares.T, color="#9aa5b1", marker="o", linewidth=1)
     axes.plot(range(shares.shape[1]), shares.mean(), color="#1b6f9c", marker="_", markersize=30, linestyle="")
@@ -51,7 +51,7 @@ def draw(axes: Axes, example: str, rows: pd.DataFrame) -> None:
 
 
 def main() -> None:
-    """Train what the table lacks, and draw it."""
+    """Train the runs that are missing in the table, and plot it."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--seeds", type=int, default=0, help="seeds of each teacher")
     options = parser.parse_args()

@@ -1,4 +1,4 @@
-"""Demands of Parkour's worlds on each type of body: what test sets are chosen and ordered by."""
+"""Demands of Parkour's worlds on each type of body, by which test tasks are selected and ordered."""
 
 from __future__ import annotations
 
@@ -48,33 +48,33 @@ CLIMBER_GAP = 4.0
 
 
 def demands(terrain: Terrain, body_type: str) -> dict[str, float]:
-    """Return the demands of `terrain` on bodies of a type between start and goal; 1 is the most they can do.
+    """Return the demands of a terrain on a type of body between start and goal; over 1 is not feasible.
 
     Args:
         terrain: a world of Parkour.
         body_type: "walker" (classic bipedal), "swimmer" (fish) or "climber" (climbing chimpanzee).
 
     Raises:
-        ValueError: another type of body.
+        ValueError: if the type of body is another one.
     """
     if body_type not in _DEMANDS:
         raise ValueError(f"body type {body_type!r}: expected one of {', '.join(_DEMANDS)}")
-    # from the end of the flat start to the goal, one height a terrain step
+    # heights from the end of the flat start to the goal, one per terrain step
     left = terrain.surface[:, 0]
     track = (left > (STARTPAD_STEPS - 0.5) * TERRAIN_STEP) & (left < terrain.goal_x + 0.5 * TERRAIN_STEP)
     return _DEMANDS[body_type](terrain, terrain.surface[track, 1], terrain.ceiling[track, 1])
 
 
 def difficulty(demanded: dict[str, float]) -> float:
-    """Return the mean of what is demanded, or infinity if anything is beyond the body."""
+    """Return the mean demand, or infinity if a demand is over 1."""
     values = list(demanded.values())
     return float(np.mean(values)) if max(values) <= 1 else np.inf
 
 
 def smoothest_path(low: Floats, high: Floats) -> Floats:
-    """Return heights (n,) between `low` and `high` (n,) that only change where they must.
+    """Return the path (n,) between `low` and `high` (n,) with the least total rise and fall.
 
-    No other way that begins at the same height, the middle of the first gap, rises and falls less in all.
+    It begins in the middle of the first gap.
     """
     way = np.empty(len(low))
     height = (low[0] + high[0]) / 2
@@ -85,7 +85,7 @@ def smoothest_path(low: Floats, high: Floats) -> Floats:
 
 
 def greatest_rise(heights: Floats) -> float:
-    """Return the greatest rise of `heights` (n,), one a terrain step, within `WINDOW_STEPS`; 0 if none."""
+    """Return the greatest rise of `heights` (n,), one per terrain step, within `WINDOW_STEPS`; 0 if none."""
     rises = [(heights[steps:] - heights[:-steps]).max() for steps in range(1, WINDOW_STEPS + 1)]
     return max(0.0, float(max(rises)))
 
@@ -124,6 +124,6 @@ _DEMANDS = {"walker": _of_walkers, "swimmer": _of_swimmers, "climber": _of_climb
 
 
 def _narrowness(needed: float, heights: Floats) -> float:
-    """Return `needed` as a share of the smallest of `heights` (n,), infinite where that is nothing."""
+    """Return the ratio of `needed` to the smallest of `heights` (n,), infinite if that is not positive."""
     smallest = float(heights.min())
     return needed / smallest if smallest > 0 else np.inf

@@ -1,4 +1,4 @@
-"""Tables of the releases that ship, for the site."""
+"""Tables of the shipped releases, for the site."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ ALIKE = "\N{MIDDLE DOT}"
 
 
 def leaderboard(name: str) -> str:
-    """Return the leaderboards of a release, their definitions, and the curricula of its teachers."""
+    """Return the leaderboards of a release, definitions of terms, and pictures of curricula."""
     parts = [leaderboard_of(name, "images/leaderboard"), "## More"]
     parts.append(folded("What the columns are", "\n\n".join(EXPLANATION)))
     for strip in sorted(PICTURES.glob(f"{name}-*.png")):
@@ -66,7 +66,7 @@ def leaderboard(name: str) -> str:
 
 
 def answer() -> str:
-    """Return in two sentences which teachers are the best of the newest release."""
+    """Return sentences on the best teachers of the newest release."""
     baseline = newest_release()
     board = leaderboards(baseline.frames())[0]
     return (
@@ -77,7 +77,7 @@ def answer() -> str:
 
 @functools.cache
 def _simulated_runs() -> tuple[pd.DataFrame, int]:
-    """Return the runs of the seeds of simulated students that are complete, and the number of these."""
+    """Return the simulated runs with complete seeds, and the number of these seeds."""
     runs = played_runs(Results(find_baseline(SIMULATED_RELEASE).store()))
     teachers = sorted({run.teacher for run in runs}, key=teacher_order)
     cells = cells_of(teachers, SIMULATED_CHALLENGES, list(KnowledgeLevel))
@@ -88,7 +88,7 @@ def _simulated_runs() -> tuple[pd.DataFrame, int]:
 
 
 def simulated_students() -> str:
-    """Return what teachers master in the seeds that are complete, and how they recover from resets."""
+    """Return tables of simulated students: mastered tasks, and recovery after resets."""
     frame, seeds = _simulated_runs()
     mastered = mastered_table(frame).rename(columns=lambda name: name.replace("_", " "))
     tables = (markdown(table.map(_on_one_line)) for table in (mastered, recovery_table(frame)))
@@ -101,7 +101,7 @@ def simulated_students() -> str:
 
 
 def simulated_and_paper() -> str:
-    """Return differences from Random of the paper's teachers: of simulated students, and in its own tables.
+    """Return differences of the paper's teachers from Random, with simulated students and in its tables.
 
     The paper's are Welch's tests of its means and deviations against Random at the same level of knowledge,
     with Holm's correction for a challenge; it has no result of Random on the original space.
@@ -136,12 +136,12 @@ def _described(row: Mapping[Hashable, Any]) -> Description:
 
 
 def _on_one_line(text: str) -> str:
-    """Return a mean with its margin and mark without places where a line may break."""
+    """Return a mean with its margin, with no-break spaces."""
     return text.replace(" ", NO_BREAK) if "±" in text else text
 
 
 def trials() -> str:
-    """Return the errors and seeds of simulated trials, as `benchmarks/trials.py` measured them."""
+    """Return the errors and seeds of simulated trials, measured by `benchmarks/trials.py`."""
     rows = pd.read_csv(MEASURED / "trials.csv")
     table = pd.DataFrame(
         {
@@ -167,7 +167,7 @@ def _verdicts(rows: pd.DataFrame, reference: str) -> pd.Series:
 
 
 def releases() -> str:
-    """Return the baselines that ship."""
+    """Return a table of the shipped baselines."""
     rows = []
     place = ["environment", "challenge", "embodiment", "student", "teacher", "expert_knowledge"]
     for baseline in baselines():
@@ -188,7 +188,7 @@ def releases() -> str:
 
 
 def learning_of_releases() -> str:
-    """Return mastered tasks of all runs of the core of each release of real students together, by step."""
+    """Return the mean mastered tasks over all core runs, by step and release of real students."""
     curves = {}
     for name in LITE:
         baseline = find_baseline(name)
@@ -196,13 +196,13 @@ def learning_of_releases() -> str:
         core = frames.cells.loc[frames.cells["campaign"].isin(baseline.manifest.core), "run_id"]
         evaluations = frames.evaluations[frames.evaluations["run_id"].isin(core)]
         curves[f"`{name}`"] = 100 * evaluations.groupby("step")["mastered"].mean()
-    table = pd.DataFrame(curves).dropna().T.map("{:.1f}".format)  # at the steps at which all were evaluated
+    table = pd.DataFrame(curves).dropna().T.map("{:.1f}".format)  # steps common to all releases
     table.columns = pd.Index([f"{step / 1e6:g} M" for step in table.columns])
     return markdown(table.rename_axis("mastered, %, after").reset_index())
 
 
 def untrained() -> str:
-    """Return the steps without training in each release of real students, for teachers that have some."""
+    """Return the percentage of untrained steps by teacher, for releases of real students."""
     shares = {}
     for name in LITE:
         frames = find_baseline(name).frames()
@@ -216,7 +216,7 @@ def untrained() -> str:
 
 
 def later_teachers() -> str:
-    """Return the tests of the teachers of `lite-2` that are not the paper's, against Random and ALP-GMM.
+    """Return tests of the later teachers of `lite-2` (not the paper's) against Random and ALP-GMM.
 
     On both axes over all challenges, and the single ones on which a test finds that it is sooner or later,
     corrected for these challenges. Teachers that lack challenges have no row. Each teacher is a family of its
@@ -252,7 +252,7 @@ def later_teachers() -> str:
 
 
 def _places(tests: pd.DataFrame) -> str:
-    """Return the challenges of some tests, those on which the teacher is sooner first."""
+    """Return the challenges of tests as text, those on which the teacher is sooner first."""
     words = {"better": "sooner", "worse": "later"}
     found: dict[str, list[str]] = {}
     for _, test in tests.iterrows():
@@ -262,7 +262,7 @@ def _places(tests: pd.DataFrame) -> str:
 
 
 def budget_rule() -> str:
-    """Return the tests of the teachers of `lite-2` fitted to the budget against their authors' values.
+    """Return tests of settings fitted to the budget against their authors' values, for teachers of `lite-2`.
 
     Over all challenges that both have, of settings that differ in the budget alone. Holm's correction covers
     all rows.
@@ -291,7 +291,7 @@ def _runs_of_lite_2() -> pd.DataFrame:
 
 
 def sensitivity() -> str:
-    """Return tasks mastered at the end of the runs of `benchmarks/sensitivity.py`, a row a variant."""
+    """Return a table of tasks mastered in the end by variants of PPO, from `benchmarks/sensitivity.py`."""
     table = pd.read_csv(MEASURED / "sensitivity.csv")
     last = table[table["step"] == table["step"].max()]
     cells = dict(list(last.groupby(["embodiment", "student"], sort=False)["mastered"]))

@@ -1,4 +1,4 @@
-"""Searches weights of the CPPN whose terrains are as hard as the original release's.
+"""Search weights of the CPPN whose terrains are as hard as the original release's.
 
 python docs/making/search_cppn_weights.py --seeds 1000 --output tma_ray/terrain/data/cppn.npz
 
@@ -36,7 +36,7 @@ BOXES = {
 
 @dataclasses.dataclass(frozen=True)
 class Figures:
-    """What terrains of one box are like: shares of tasks, and means over tasks.
+    """Statistics of the terrains of one box: shares of tasks, and means over tasks.
 
     Attributes:
         over_2_7: share whose smallest clearance is over 2.7 m, as high as a classic bipedal walker.
@@ -69,34 +69,34 @@ RISE, RISE_STEPS = 1.4, 5
 
 
 def truncated_normal(rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
-    """Return float32 weights."""
+    """Return float32 weights from a truncated normal distribution."""
     return truncnorm.rvs(-CUT, CUT, scale=STD, size=shape, random_state=rng).astype(np.float32)
 
 
 def hidden_layers(seed: int) -> dict[str, np.ndarray]:
-    """Return w1 to w4."""
+    """Return the weights w1 to w4 of a seed."""
     rng = np.random.default_rng([seed, 0])
     return {name: truncated_normal(rng, shape) for name, shape in list(SHAPES.items())[:-1]}
 
 
 def columns(seed: int) -> np.ndarray:
-    """Return the columns (64, 2, HEADS) that may become w5: of the ground, and of the ceiling.
+    """Return candidates (64, 2, HEADS) for the columns of w5: of the ground, and of the ceiling.
 
-    Every second half is the first one's negative, which is as likely.
+    The second half is the negative of the first, which is as likely.
     """
     half = truncated_normal(np.random.default_rng([seed, 1]), (SHAPES["w5"][0], 2, HEADS // 2))
     return np.concatenate([half, -half], axis=2)
 
 
 def features(layers: dict[str, np.ndarray], theta: np.ndarray) -> np.ndarray:
-    """Return the last hidden layer (n, 200, 64) for `theta` (n, 3)."""
+    """Return the outputs (n, 200, 64) of the last hidden layer for `theta` (n, 3)."""
     x = np.linspace(0, 1, POINTS, dtype=np.float32)
     signal = np.tanh(np.outer(x, layers["w1"][0]) + (theta @ layers["w1"][1:])[:, None])
     return softplus(np.tanh(softplus(signal @ layers["w2"]) @ layers["w3"]) @ layers["w4"])
 
 
 def thetas(count: int, seed: int) -> dict[str, np.ndarray]:
-    """Return `count` uniform theta (count, 3) of each box."""
+    """Return uniformly drawn theta (count, 3) by box."""
     rng = np.random.default_rng(seed)
     return {
         name: rng.uniform(*np.transpose(box), size=(count, 3)).astype(np.float32)
@@ -105,12 +105,12 @@ def thetas(count: int, seed: int) -> dict[str, np.ndarray]:
 
 
 def aligned(curves: np.ndarray) -> np.ndarray:
-    """Return curves (n, 200, ...) in m above their start."""
+    """Convert curves (n, 200, ...) to heights above their start, in m."""
     return (curves - curves[:, :1]) / DELTA
 
 
 def figures(ground: np.ndarray, ceiling: np.ndarray) -> Figures:
-    """Return the figures of grounds and ceilings (n, 200), in m above their starts."""
+    """Return the statistics of grounds and ceilings (n, 200), in m above their starts."""
     clearance = (ceiling - ground).min(axis=1) + START_CLEARANCE
     slope = np.abs(np.diff(ground, axis=1)) / TERRAIN_STEP
     return Figures(
@@ -123,13 +123,13 @@ def figures(ground: np.ndarray, ceiling: np.ndarray) -> Figures:
 
 
 def greatest_rise(ground: np.ndarray) -> np.ndarray:
-    """Return how much grounds (n, 200) rise at most within `RISE_STEPS` (n,)."""
+    """Return the greatest rise (n,) of grounds (n, 200) within `RISE_STEPS`."""
     rises = [(ground[:, steps:] - ground[:, :-steps]).max(axis=1) for steps in range(1, RISE_STEPS + 1)]
     return np.max(rises, axis=0)
 
 
 def deviations(measured: Figures, target: Figures) -> np.ndarray:
-    """Return every figure's deviation in units of what is tolerated (5,)."""
+    """Return the deviations (5,) of all statistics, in units of their tolerances."""
     ours, theirs, tolerances = (
         np.array(dataclasses.astuple(item)) for item in (measured, target, TOLERANCES)
     )
@@ -138,7 +138,7 @@ def deviations(measured: Figures, target: Figures) -> np.ndarray:
 
 
 def grounds_that_fit(ground: np.ndarray, target: Figures, chosen: np.ndarray) -> np.ndarray:
-    """Return those of the `chosen` among grounds (n, 200, HEADS) that are about as the target."""
+    """Return the indices in `chosen` whose grounds (n, 200, HEADS) are near the target."""
     curves = ground[..., chosen]
     slope = np.abs(np.diff(curves, axis=1)).mean(axis=(0, 1)) / TERRAIN_STEP
     extent = np.ptp(curves, axis=1).mean(axis=0)
@@ -156,10 +156,10 @@ def noise(share: float, count: int) -> float:
 
 
 def candidates(seed: int, samples: dict[str, np.ndarray]) -> list[tuple[float, int, int]]:
-    """Return (worst deviation of the shares, ground, ceiling) of pairs worth a closer look, best first."""
+    """Return promising pairs, best first: worst deviation of the shares, ground and ceiling."""
     layers, heads = hidden_layers(seed), columns(seed)
     hidden, grounds, chosen = {}, {}, np.arange(HEADS)
-    for box in ("medium", "easy", "hard"):  # few grounds pass the first
+    for box in ("medium", "easy", "hard"):  # few grounds pass the medium box
         hidden[box] = features(layers, samples[box])
         grounds[box] = aligned(hidden[box] @ heads[:, 0])
         chosen = grounds_that_fit(grounds[box], TARGETS[box], chosen)
@@ -180,14 +180,14 @@ def candidates(seed: int, samples: dict[str, np.ndarray]) -> list[tuple[float, i
 
 
 def assemble(seed: int, ground: int, ceiling: int) -> CPPN:
-    """Return the network of a seed with two of its columns."""
+    """Return the network with the hidden layers of a seed and two of its columns."""
     heads = columns(seed)
     w5 = np.stack([heads[:, 0, ground], heads[:, 1, ceiling]], axis=1)
     return CPPN({**hidden_layers(seed), "w5": w5})
 
 
 def measure(network: CPPN, count: int = 2000, seed: int = 1) -> dict[str, Figures]:
-    """Return the figures of every box over `count` tasks."""
+    """Return the statistics of every box over `count` tasks."""
     result = {}
     for box, theta in thetas(count, seed).items():
         curves = np.concatenate([network.curves(part) for part in np.array_split(theta, 20)])
@@ -197,13 +197,13 @@ def measure(network: CPPN, count: int = 2000, seed: int = 1) -> dict[str, Figure
 
 
 def worst_deviation(network: CPPN, count: int, seed: int = 1) -> float:
-    """Return the largest of all figures' deviations."""
+    """Return the largest deviation of all statistics in all boxes."""
     measured = measure(network, count, seed)
     return max(float(deviations(measured[box], target).max()) for box, target in TARGETS.items())
 
 
 def search(first: int, seeds: int) -> tuple[int, int, int]:
-    """Return seed, ground and ceiling of the network with the smallest worst deviation."""
+    """Return the network with the smallest worst deviation: seed, ground, ceiling."""
     best: tuple[float, tuple[int, int, int]] = (np.inf, (0, 0, 0))
     samples = thetas(30, seed=0)
     for seed in range(first, first + seeds):
@@ -217,7 +217,7 @@ def search(first: int, seeds: int) -> tuple[int, int, int]:
 
 
 def main() -> None:
-    """Search, print the figures beside their targets, and write the weights."""
+    """Search weights, print their statistics beside the targets, and write them."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--first", type=int, default=0, help="the first seed")
     parser.add_argument("--seeds", type=int, default=1000, help="how many sets of hidden layers to try")

@@ -1,4 +1,4 @@
-"""What mkdocs does besides: the version, pages from outside of docs/, and their links."""
+"""Hooks of mkdocs: version of the site, pages outside of docs/, and links between them."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ LINK = re.compile(r"(?<=\]\()(?!\w+:|#)([^)\s#]+)(#[^)\s]*)?(?=\))")
 
 
 def on_config(config: Any) -> Any:
-    """Name the version that the pages describe on each of them.
+    """Add the version of the project to the footer of all pages.
 
     A site of several versions, which mike makes, has a menu of them, too.
     """
@@ -49,7 +49,7 @@ def on_config(config: Any) -> Any:
 
 
 def on_files(files: Files, *, config: Any) -> Files:
-    """Add what lies outside of docs/."""
+    """Add the pages and files outside of docs/."""
     for source, place in PAGES.items():
         files.append(File.generated(config, place, abs_src_path=str(ROOT / source)))
     for pattern in FILES:
@@ -60,7 +60,7 @@ def on_files(files: Files, *, config: Any) -> Files:
 
 
 def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
-    """Make links between files of the repository links of the site."""
+    """Convert links between files of the repository to links of the site."""
     place = page.file.src_uri
     sources = {there: here for here, there in PAGES.items()}
     folder = posixpath.dirname(sources.get(place, DOCS + place))

@@ -1,4 +1,4 @@
-"""Tables of pages that are made from the code and from releases, which `write_generated` writes."""
+"""Tables generated from the code and from releases, which `write_generated` inserts into pages."""
 
 from __future__ import annotations
 
@@ -80,20 +80,20 @@ ABOUT: Mapping[Table, str] = {
 
 
 def markdown(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """Return a table."""
+    """Return a Markdown table."""
     lines = [head, ["---"] * len(head), *rows]
     return "\n".join(f"| {' | '.join(_cell(value) for value in line)} |" for line in lines)
 
 
 def data_table(path: Path) -> str:
-    """Return a table of a CSV file, whose first line is the head; a dash for an empty cell."""
+    """Return a CSV file with a header as a Markdown table, with dashes in empty cells."""
     with path.open(encoding="utf-8", newline="") as lines:
         head, *rows = csv.reader(lines)
     return markdown(head, [[cell or NONE for cell in row] for row in rows])
 
 
 def meanings(kind: type) -> dict[str, str]:
-    """Return what the docstring of a class says of each of its attributes, inherited ones included."""
+    """Return the descriptions of attributes in the docstrings of a class and its bases."""
     found: dict[str, str] = {}
     for each in reversed(kind.__mro__):
         _, _, section = inspect.cleandoc(each.__doc__ or "").partition("Attributes:\n")
@@ -103,7 +103,7 @@ def meanings(kind: type) -> dict[str, str]:
 
 
 def hyperparameters(kind: type) -> str:
-    """Return name, default and meaning of each field that the constructor of a dataclass takes."""
+    """Return a table of the constructor's fields of a dataclass: name, default, meaning."""
     says = meanings(kind)
     return markdown(
         ("hyper-parameter", "default", "meaning"),
@@ -116,7 +116,7 @@ def hyperparameters(kind: type) -> str:
 
 
 def teacher(name: str) -> str:
-    """Return the levels of expert knowledge that a teacher tells apart, and its hyper-parameters."""
+    """Return the levels of expert knowledge that a teacher uses, and its hyper-parameters."""
     kind = TEACHERS.get(name)
     needed, levels = kind.knowledge_levels[0], ", ".join(kind.knowledge_levels)
     line = f"`{name}`, needs at least: {needed}; tells apart: {levels}."
@@ -125,7 +125,7 @@ def teacher(name: str) -> str:
 
 
 def needs_of_teachers() -> str:
-    """Return what each teacher needs of a training loop."""
+    """Return a table of what teachers need from a training loop."""
     rows = [
         (
             f"`{row.teacher}`",
@@ -139,7 +139,7 @@ def needs_of_teachers() -> str:
 
 
 def knowledge_requirements() -> str:
-    """Return what each teacher makes of each piece of expert knowledge."""
+    """Return a table of the expert knowledge that teachers require, use or ignore."""
     head = ("teacher", "initial distribution", "target distribution", "range of returns", "runs at level")
     return markdown(
         head,
@@ -151,7 +151,7 @@ def knowledge_requirements() -> str:
 
 
 def challenges(environment: str) -> str:
-    """Return the challenges of an environment: their task spaces and tests."""
+    """Return a table of the challenges of an environment, with task spaces and tests."""
     known = challenges_of(environment)
     head = (
         "name",
@@ -180,7 +180,7 @@ def challenges(environment: str) -> str:
 
 
 def task_space(environment: str) -> str:
-    """Return the dimensions of an environment's tasks: what teachers choose from, and what can be built."""
+    """Return a table of the dimensions of an environment's tasks: bounds of task space and valid domain."""
     made = make_environment(environment)
     space: TaskSpace = challenges_of(environment)["original"].task_space
     domain = made.get_wrapper_attr("valid_domain")
@@ -195,7 +195,7 @@ def task_space(environment: str) -> str:
 
 
 def embodiments() -> str:
-    """Return the bodies that ship."""
+    """Return a table of the shipped bodies."""
     bodies = sorted(map(load_embodiment, embodiment_names()), key=lambda body: body.body_type)
     return markdown(
         ("name", "kind", "parts", "motors", "grips", "mass", "survives under water", "survives outside"),
@@ -216,7 +216,7 @@ def embodiments() -> str:
 
 
 def test_sets() -> str:
-    """Return the test sets that ship with the package, and whose they are."""
+    """Return a table of the shipped test sets, with their challenges."""
     users: dict[str, list[str]] = {}
     for each in CHALLENGES:
         for name in dict.fromkeys([each.test_set, *each.other_test_sets.values()]):
@@ -228,7 +228,7 @@ def test_sets() -> str:
 
 
 def columns(table: Table) -> str:
-    """Return what a row of a table is, and its columns."""
+    """Return the description of a table's rows, and a list of its columns."""
     rows = [
         (
             f"`{field.name}`" + (" (may be absent)" if field.nullable else ""),
@@ -241,17 +241,17 @@ def columns(table: Table) -> str:
 
 
 def all_columns() -> str:
-    """Return `columns` of every table under a heading of its own."""
+    """Return `columns` of all tables, with a heading for each."""
     return "\n\n".join(f"### {table}\n\n{columns(table)}" for table in Table)
 
 
 def commands() -> str:
-    """Return the help of every command, as `--help` prints it."""
+    """Return the ``--help`` of every command."""
     return "\n\n".join(f"## {name}\n\n```text\n{text}```" for name, text in helps())
 
 
 def json_keys() -> str:
-    """Return the keys of the JSON that commands print, and their meaning."""
+    """Return a table of the keys of the JSON that commands print."""
     return markdown(
         ("command", "key", "value"),
         [
@@ -263,14 +263,14 @@ def json_keys() -> str:
 
 
 def metavars() -> str:
-    """Return the words in capitals in helps, and their meaning."""
+    """Return a table of the placeholders in helps, such as FOLDER, and their meanings."""
     return markdown(
         ("word", "value"), [(f"`{word}`", meaning) for word, meaning in command_line.METAVARS.items()]
     )
 
 
 def helps() -> Iterator[tuple[str, str]]:
-    """Yield every command with its help, 80 characters wide."""
+    """Yield the names and helps (80 characters wide) of all commands."""
     app = cli.app()
     for words, _ in command_line.commands(app):
         yield " ".join(("tma-ray", *words)), command_line.help_text(app, words)
@@ -299,7 +299,7 @@ def _range(low: float, high: float) -> str:
 
 
 def _bounds(space: TaskSpace, original: TaskSpace) -> str:
-    """Return the bounds of the dimensions that are not as in the original space."""
+    """Return the bounds of dimensions that differ from the original space, as text."""
     pairs = zip(space.dimensions, original.dimensions, strict=True)
     others = (f"{one.name} {_range(one.low, one.high)}" for one, first in pairs if one != first)
     return "; ".join(others) or NONE
@@ -310,7 +310,7 @@ def _steps(steps: int | None) -> str:
 
 
 def _type(kind: pa.DataType) -> str:
-    """Return a short name of a type: how it is read, not how it is packed."""
+    """Return a short name of a column type, regardless of its encoding."""
     if pa.types.is_dictionary(kind):
         return str(kind.value_type)
     if pa.types.is_list(kind):

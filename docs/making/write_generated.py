@@ -1,4 +1,4 @@
-"""Generated parts of pages, and the picture of the rooms.
+"""Renew or check the generated parts of pages, and the picture of the rooms.
 
     python docs/making/write_generated.py           # renew stale parts, and print their names
     python docs/making/write_generated.py --check   # print their names, and exit with 1 if there are any
@@ -29,15 +29,15 @@ FILE = "file "
 
 
 def pages() -> list[Path]:
-    """Return the pages that may have generated parts, the README among them."""
+    """Return the pages that may have generated parts, including the README."""
     return [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 
 def text_of(name: str) -> str:
-    """Return what a generated part has between its marks.
+    """Return the text of a generated part between its marks.
 
     Raises:
-        KeyError: nothing of that name is generated.
+        KeyError: if no generated part has that name.
     """
     if name.startswith(FILE):
         path = ROOT / name.removeprefix(FILE)
@@ -46,7 +46,7 @@ def text_of(name: str) -> str:
 
 
 def renewed(page: str) -> tuple[str, list[str]]:
-    """Return a page's text with all parts as generated now, and the names of those that were stale."""
+    """Return the text of a page with all parts generated anew, and the names of stale parts."""
     stale = []
 
     def part(match: re.Match[str]) -> str:
