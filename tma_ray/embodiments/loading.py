@@ -30,7 +30,7 @@ Entry = dict[str, Any]
 
 POSITION_FIELDS = ("position", "anchor", "anchor_b")  # fields of an entry that are shifted in copies
 LAST = "last"  # value of `head` for true in the last copy only
-NUMBER = re.compile(r"\{(\d*)k([+-]\d+)?\}")  # places for a copy's number k = 1, 2, ...: {k}, {2k-1}, {k+1}
+NUMBER = re.compile(r"\{(\d*)k([+-]\d+)?\}")  # a copy's number k = 1, 2, ... in texts: {k}, {2k-1}, {k+1}
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ from tma_ray.terrain import Terrain
 if TYPE_CHECKING:
     from tma_ray.envs.drawing import Renderer
 
-MAX_EPISODE_STEPS = 2000  # longest episode (in the original release, students truncate episodes)
+MAX_EPISODE_STEPS = 2000  # longest episode, in steps (in the original release, students truncate episodes)
 PUSH = 5.0  # largest random push on the head in the first step, in N
 
 NOT_RUNNING = "the episode has ended or not begun; call reset()"
@@ -118,7 +118,7 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
         super().reset(seed=seed)
         task = self._chosen_task(options or {})
         push = self.np_random.uniform(-PUSH, PUSH)
-        engine = self._engine  # before `build` compiles a kernel, all must be registered
+        engine = self._engine  # before `build`: all kernels must be registered when the first is compiled
         self._terrain = self.build(task, self.np_random)
         observation = engine.reset(self._terrain, push)
         self._observation = observation

@@ -39,7 +39,7 @@ SOLID_SHARE = 0.12  # largest height of the ground, and of the ceiling, in a hig
 HEAD_MARGIN = 0.15  # smallest distance of the head from the upper and lower edge
 
 HIGHEST_VIEW = 12.0  # largest height of a view, in m
-REACH = 5.0  # half width, in m, of the average of ground and ceiling that keeps the camera steady
+REACH = 5.0  # distance in m over which ground and ceiling are averaged, for a steady camera
 
 
 class Viewport(NamedTuple):
@@ -96,7 +96,7 @@ def _around(segments: NDArray[np.float64], x: float) -> float:
 
 
 SUPERSAMPLING = 2
-CROP = 10.0  # in m, outside the frame; points farther away are moved there, since pygame limits coordinates
+CROP = 10.0  # largest distance of points outside the frame, in m, since pygame limits coordinates
 
 Floats = NDArray[np.float64]
 

@@ -37,7 +37,7 @@ class Outcome(NamedTuple):
 
 @runtime_checkable
 class EngineEnvironment(Protocol):
-    """Interface of environments whose engine can be stepped without them."""
+    """Interface of environments whose engine may be stepped directly."""
 
     max_episode_steps: int
 
@@ -138,7 +138,7 @@ class EngineLockStep(LockStep):
         """Reset the environments `rows`; see `LockStep`."""
         observations, played = super().reset(rows, seeds, tasks)
         choice = engine_in_use()
-        if choice.name != "compiled":  # steps are taken by the environments
+        if choice.name != "compiled":  # the environments step their own engines
             if self._threads > 1:
                 raise ValueError(
                     f"threads = {self._threads}: expected 1 with the {choice.name} engine ({choice.reason})"
@@ -240,7 +240,7 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
 
     @property
     def envs(self) -> tuple[Environment, ...]:
-        """The n environments, for access to attributes only, since their engines are stepped without them."""
+        """The n environments, for access to attributes only: their engines are stepped directly."""
         return tuple(self._environments)
 
     def reset(

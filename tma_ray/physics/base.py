@@ -52,7 +52,7 @@ class Engine(Protocol):
     Attributes:
         arrays: arrays of the body for the kernels.
         state: values (p, 6) in the layout of kernels.py.
-        contacts: number of pieces of ground and of ceiling that each part touches (p, 2).
+        contacts: numbers of ground and of ceiling solids that each part touches (p, 2).
         grips: object that each grip sensor touches and holds (g, 2).
         medium: consecutive steps under water and outside it (2,).
     """

@@ -4,7 +4,7 @@ The functions run compiled or as plain Python, with the same bits. Their argumen
 
 - `state` (p, 6): each part's origin x, y, angle, velocity x, y of its centre of mass, and angular velocity
   (m, rad, s); `rotations` (p, 2): cosine and sine of each part's angle;
-- `contacts` (p, 2): number of ground and of ceiling solids that each part touches;
+- `contacts` (p, 2): numbers of ground and of ceiling solids that each part touches;
 - `medium` (2,): consecutive steps under water and outside it;
 - `grips` (g, 2): object that each grip sensor touches and holds.
 """
@@ -170,7 +170,7 @@ def _box_fraction(x: float, y: float, ray: Floats, rectangle: Floats, pose: Floa
 
 
 SKIN = 0.01  # reach of grip sensors beyond their radius, in m (margin of polygons in the original release)
-NOTHING, CEILING = -2, -1  # values for touched and held objects; creepers have their index
+NOTHING, CEILING = -2, -1  # values of `grips` besides the indices of creepers
 
 
 @kernel

@@ -64,7 +64,7 @@ def joint_parts(body: Embodiment, joints: tuple[Joint, ...]) -> NDArray[np.int64
 
 
 def drawn_angle(body: Embodiment, joint: Joint) -> float:
-    """Return the angle from a joint's first part to its second as drawn, at joint angle 0, in rad."""
+    """Return the angle between a joint's two parts in the drawn pose, in rad."""
     first, second = (body.parts[body.part_index(name)] for name in (joint.part_a, joint.part_b))
     return second.angle - first.angle
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 VARIABLE = "TMA_RAY_ENGINE"  # environment variable that selects an engine: "compiled" or "pymunk"
-TRIAL_STEPS = 40  # steps of the comparison between both engines
+TRIAL_STEPS = 40  # number of steps for which both engines are compared
 
 
 @dataclass(frozen=True)

@@ -363,7 +363,7 @@ class _Function:
     def _of_attribute(self, node: ast.Attribute) -> Value:
         if isinstance(node.value, ast.Name) and node.value.id not in self._variables:
             return self._literal(node, getattr(self._globals.get(node.value.id), node.attr, None))
-        if node.attr == "data":  # array.ctypes.data
+        if node.attr == "data":  # as in array.ctypes.data
             assert isinstance(node.value, ast.Attribute)
             return f"(i64)(intptr_t)({self._value(node.value.value)[0]}).p", WHOLE
         code, kind = self._value(node.value)

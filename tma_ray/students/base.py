@@ -67,7 +67,7 @@ class Student(ABC):
 
     @abstractmethod
     def observe(self, transition: Transition) -> None:
-        """Store the step that followed the last `act`, and perform the updates that are due."""
+        """Store the transition after the last `act`, and perform the updates that are due."""
 
     @abstractmethod
     def act_greedily(self, observations: Observations) -> Actions:
@@ -186,12 +186,12 @@ class StudentStreams(NamedTuple):
 
     @classmethod
     def of(cls, seed: np.random.SeedSequence) -> StudentStreams:
-        """Return the streams spawned from `seed`, which remains unchanged."""
+        """Return the seeds spawned from `seed`, without changing it."""
         return cls(*_children(seed, len(cls._fields)))
 
 
 def update_key(seed: np.random.SeedSequence) -> int:
-    """Return the 64-bit key of the random numbers in a student's updates, for a cohort's generator."""
+    """Return the 64-bit key for the random numbers of a student's updates in a cohort."""
     index = len(StudentStreams._fields)
     return int(_children(seed, index + 1)[index].generate_state(1, np.uint64)[0])
 

@@ -28,7 +28,7 @@ class MatmulPrecision(StrEnum):
 
 @dataclass(frozen=True)
 class PPOHyperparameters:
-    """Proximal policy optimisation (paper, appendix on DRL students).
+    """Hyper-parameters of proximal policy optimisation (paper, appendix on DRL students).
 
     The defaults are the paper's. The preset "decisive", chosen in ``docs/pilot.md``, separates teachers best:
     longer rollouts, smaller batches and a longer horizon.
@@ -141,7 +141,9 @@ class UpdateSchedule(StrEnum):
 
 @dataclass(frozen=True)
 class SACHyperparameters:
-    """Soft actor-critic with a fixed entropy coefficient (paper, appendix on DRL students).
+    """Hyper-parameters of soft actor-critic (paper, appendix on DRL students).
+
+    The entropy coefficient is fixed.
 
     Attributes:
         algorithm_version: version of the student's algorithm, readable without torch.

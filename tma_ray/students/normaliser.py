@@ -86,7 +86,7 @@ class Normaliser:
 
     @property
     def reward_scale(self) -> float:
-        """Divisor of rewards, by which values of normalised rewards are multiplied."""
+        """Standard deviation by which rewards are divided."""
         return math.sqrt(self._return_variance + EPSILON)
 
     def save(self, path: Path) -> None:

@@ -58,7 +58,7 @@ class Trunk(BaseFeaturesExtractor):
 
 @torch.no_grad()
 def init_separate_trunks(trunk: Trunk, means: nn.Linear, value: nn.Linear) -> None:
-    """Initialise `trunk` as two separate networks, with stable-baselines3's distributions.
+    """Initialise `trunk` as two separate networks, with orthogonal weights as in stable-baselines3.
 
     The first half of each hidden layer leads to the `means`, the second to the `value`; weights between the
     halves are 0.
@@ -218,7 +218,7 @@ POLICY = "ppo"  # student named in saved policies, also in those of `StockPPO`
 
 
 class PPO(PPOActing, StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
-    """Proximal policy optimisation: 2,000 steps, then 5 epochs over them.
+    """Proximal policy optimisation with 5 epochs on every 2,000 steps.
 
     Observations and rewards are normalised with running statistics, which evaluation does not change and a
     reset keeps. The greedy action is the mean, clipped to the action space (the original release evaluates

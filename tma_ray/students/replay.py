@@ -45,7 +45,7 @@ class ReplayBuffer:
         self._actions = np.zeros((self._rows, action_size), dtype=np.float32)
         self._rewards = np.zeros(self._rows, dtype=np.float32)
         self._terminated = np.zeros(self._rows, dtype=np.bool_)
-        self._ending = np.zeros(self._rows, dtype=np.int32)  # number of the stored last observation, or 0
+        self._ending = np.zeros(self._rows, dtype=np.int32)  # number in `_endings`, or 0
         self._added = 0  # number of transitions ever added
         self.clear()
 
@@ -57,9 +57,9 @@ class ReplayBuffer:
         self._row = 0  # row for the next transition
         self._size = 0
         self._filled = 0  # number of rows ever written
-        self._saved = 0  # `_added` at the last save, or 0 if all rows have changed since
+        self._saved = 0  # `_added` at the last save since this call, or 0
         self._endings = np.empty((1, self._observations.shape[1]), dtype=np.float32)
-        self._first_ending, self._next_ending = 1, 1  # numbers of the endings kept: [first, next)
+        self._first_ending, self._next_ending = 1, 1  # range of the numbers in `_endings`: [first, next)
 
     def add(self, transition: Transition, action: NDArray[np.float32]) -> None:
         """Store `transition` with its `action` (a,) scaled to [-1, 1], replacing the oldest one if full."""
@@ -120,7 +120,7 @@ class ReplayBuffer:
         self._filled = max(self._filled, self._row)
 
     def pieces(self) -> Iterator[tuple[Observations, NDArray[np.float32], NDArray[np.float32], bool]]:
-        """Yield all transitions, oldest first, as arguments of `extend` for each episode."""
+        """Yield the transitions of every episode, oldest first, as arguments of `extend`."""
         rows = (self._row - np.arange(self._size, 0, -1)) % self._rows
         ends = self._terminated[rows] | (self._ending[rows] > 0)
         for piece in np.split(rows, ends.nonzero()[0] + 1):
@@ -152,7 +152,7 @@ class ReplayBuffer:
         changed: set[int] | None = None
         if incremental and self._saved:
             new = min(self._added - self._saved, self._rows)
-            # with the row before, whose last observation may have moved, and the next observation's row
+            # with the rows before and after, which `add` changes, too
             touched = np.arange(self._row - new - 1, self._row + 1) % self._rows
             changed = set((touched // SEGMENT_ROWS).tolist())
         used, unchanged = min(self._filled + 1, self._rows), []
@@ -193,7 +193,7 @@ class ReplayBuffer:
         return following
 
     def _keep_ending(self, row: int) -> None:
-        """Move the next observation of the newest transition from `row` to the ring of endings."""
+        """Move the newest transition's next observation from `row` to the ring of last observations."""
         if self._next_ending - self._first_ending == len(self._endings):
             kept = np.arange(self._first_ending, self._next_ending)
             grown = np.empty((2 * len(self._endings), self._endings.shape[1]), dtype=np.float32)

@@ -27,7 +27,7 @@ class Proposal:
 
 @dataclass
 class EpisodeSoFar:
-    """Totals of an episode under way.
+    """Steps and return so far of an unfinished episode.
 
     Attributes:
         steps: number of steps so far.

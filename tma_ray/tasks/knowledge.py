@@ -118,7 +118,7 @@ MASTERY_RETURN = 230.0
 
 # standard deviations of both Gaussians, as shares of a dimension's range (paper, appendix C)
 INITIAL_STD_SHARE, TARGET_STD_SHARE = 0.1, 0.25
-CONSTANT_DIMENSION_VARIANCE = 1e-6  # where a share of the range would be 0
+CONSTANT_DIMENSION_VARIANCE = 1e-6  # for constant dimensions, whose range is 0
 
 
 class KnowledgeLevel(StrEnum):

@@ -73,7 +73,7 @@ class NearestReturn:
 
 
 class AbsoluteLearningProgress:
-    """ALP of a new task: |its return - the return of the nearest earlier task|.
+    """Absolute learning progress (ALP) of a task: |its return - the nearest earlier task's return|.
 
     Source: Portelas et al. 2019, section 4; the search is over the whole history in raw task units.
     """

@@ -88,7 +88,7 @@ def moved(
     return positions
 
 
-WIDEST_NOISE = 0.25  # standard deviation added to the noise around the worst task, as a share of each range
+WIDEST_NOISE = 0.25  # additional noise around the worst task: standard deviation, as a share of each range
 
 
 @dataclass

@@ -33,7 +33,10 @@ class BetaProduct(NamedTuple):
 
     @classmethod
     def around(cls, mode: Array, concentration: float) -> "BetaProduct":
-        """Return the distribution with a `mode` (f,), and both parameters `concentration` at mode 1/2."""
+        """Return the distribution with a `mode` (f,) and a `concentration`.
+
+        At mode 1/2, both parameters are `concentration`.
+        """
         weight = 2 * (concentration - 1)
         return cls(1 + weight * mode, 1 + weight * (1 - mode))
 
@@ -66,7 +69,7 @@ class BetaProduct(NamedTuple):
         return np.asarray(betaincinv(self.alpha, self.beta, shares), dtype=np.float64)
 
     def entropy(self) -> tuple[float, Array]:
-        """Return the differential entropy in nats (at most 0), and its gradient (2f,) by `logs`."""
+        """Return the differential entropy in nats, and its gradient with respect to `logs` (2f,)."""
         from scipy.special import betaln, polygamma, psi
 
         alpha, beta, total = self.alpha, self.beta, self.alpha + self.beta
@@ -77,7 +80,7 @@ class BetaProduct(NamedTuple):
         return float((betaln(alpha, beta) + parts).sum()), gradient
 
     def divergence(self, other: "BetaProduct") -> tuple[float, Array]:
-        """Return KL(self || other) in nats, and its gradient (2f,) by `other.logs`."""
+        """Return KL(self || other) in nats, and its gradient with respect to `other.logs` (2f,)."""
         from scipy.special import betaln, psi
 
         alpha, beta, total = self.alpha, self.beta, self.alpha + self.beta
@@ -88,7 +91,7 @@ class BetaProduct(NamedTuple):
         return float(parts.sum()), -(np.stack(other) * (expected - other._mean_logs())).ravel()
 
     def log_densities(self, points: Array) -> tuple[Array, Array]:
-        """Return the log densities (n,) at `points` (n, f), and their gradients (n, 2f) by `logs`."""
+        """Return log densities (n,) at `points` (n, f), and gradients (n, 2f) with respect to `logs`."""
         from scipy.special import betaln
 
         inside = np.clip(points, BOUNDARY_DISTANCE, 1 - BOUNDARY_DISTANCE)
@@ -122,7 +125,7 @@ class EntropyUpdate:
     largest: float  # upper bound of the parameters; the lower bound is 1
 
     def solved(self) -> BetaProduct:
-        """Return the feasible distribution of highest entropy, or the one with most successes if none is."""
+        """Return the feasible distribution of highest entropy, or without any, that of highest success."""
         start = self.present.logs
         if self.success(start)[0] < self.least_success:
             start = self._best(start, self.success, (), self.success(start)[0])
@@ -147,7 +150,7 @@ class EntropyUpdate:
         return float(weights.sum()), weights @ gradients
 
     def room(self, logs: Array) -> tuple[float, Array]:
-        """Return the bound on the divergence minus the divergence, and the gradient of the difference."""
+        """Return the slack of the bound on the divergence, and its gradient."""
         divergence, gradient = self.present.divergence(BetaProduct.of_logs(logs))
         return self.most_divergence - divergence, -gradient
 

@@ -72,7 +72,7 @@ def fit_mixture(rows: Array, most_components: int, seed: int, units: Array | flo
 
     sizes, rows = range(2, min(most_components, len(rows) - 1) + 1), rows / units
     with threadpool_limits(limits=1), warnings.catch_warnings():
-        # with equal or few rows, components may be empty and EM not converge
+        # with equal or few rows, components may be empty, and EM may not converge
         warnings.simplefilter("ignore", ConvergenceWarning)
         fits = [GaussianMixture(size, covariance_type="full", random_state=seed).fit(rows) for size in sizes]
         best = min(fits, key=lambda fit: float(fit.aic(rows)))
@@ -105,7 +105,7 @@ class MixtureTeacher(Teacher):
     explore: float = 0.05
 
     def __post_init__(self) -> None:
-        check_at_least(self, 3, "fit_every")  # rows that two components need
+        check_at_least(self, 3, "fit_every")  # rows needed to fit two components
         check_at_least(self, 2, "most_components")
         check_shares(self, "explore")
 

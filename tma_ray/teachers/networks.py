@@ -128,7 +128,7 @@ DTYPE = torch.float64  # float32 is too imprecise for the inverse, which multipl
 BLOCKS = 3
 GATED_LAYERS = 3
 SMALLEST_SCALE = 0.01
-UNIT_SCALE_INPUT = 0.9131652918237967  # root x of `SMALLEST_SCALE` + `slow_softplus`(x) = 1
+UNIT_SCALE_INPUT = 0.9131652918237967  # solution x of SMALLEST_SCALE + slow_softplus(x) = 1
 FACE_DISTANCE = 1e-4  # least distance of points from the box's faces, where a sigmoid's density diverges
 
 

@@ -144,7 +144,7 @@ def random_cuts(
 
 
 def cut_scores(left: NDArray[np.bool_], returns: Array) -> Array:
-    """Return the scores (c,) of cuts; the masks `left` (c, n) are of the episodes in the left parts."""
+    """Return the scores (c,) of cuts, given masks `left` (c, n) of the episodes in their left parts."""
     populations = left.sum(axis=1) * (~left).sum(axis=1)
     difference = _progress(left, returns) - _progress(~left, returns)
     scores: Array = populations * np.abs(difference)

@@ -72,7 +72,7 @@ class ClosedForm:
         return best.divergence(FullGaussian(np.zeros_like(best.mean), np.eye(len(best.mean))))
 
 
-SMALLEST_WEIGHT = 1e-12  # for the divergence from the current distribution
+SMALLEST_WEIGHT = 1e-12  # smallest weight of the divergence from the current distribution
 
 
 def closed_form_update(
@@ -114,7 +114,7 @@ def closed_form_update(
         return best.placed_in(current)
 
 
-LEAST_STD = 1e-3  # in all directions, as a share of the ranges: narrower samples cannot be fitted
+LEAST_STD = 1e-3  # smallest standard deviation, as a share of the ranges; narrower samples cannot be fitted
 
 
 def widened(gaussian: FullGaussian) -> FullGaussian:

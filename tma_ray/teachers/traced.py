@@ -111,7 +111,7 @@ class TRACED(ACCEL):
         return loss + self.error_weight * self.transitions_.error(trajectory)
 
     def count_in(self, episode: Episode, values: Array) -> int | None:
-        """Score the task of `episode` using the `values` of its states, and return its slot or None."""
+        """Score the task of `episode` with its state `values`, and return its slot, if it has one."""
         replayed = self.replayed_ is not None
         slot = super().count_in(episode, values)
         if slot is None:

@@ -102,7 +102,7 @@ class CPPN:
 
     @cached_property
     def _from_x(self) -> Singles:
-        """First layer's inputs from x (blocks, 50, 64), equal for all tasks."""
+        """Contribution of x to the first hidden layer (blocks, 50, 64), equal for all tasks."""
         x = np.arange(POINTS, dtype=np.float32) / np.float32(POINTS - 1)
         return np.outer(x, self.weights["w1"][0]).reshape(-1, BLOCK_POINTS, UNITS)
 
@@ -123,8 +123,8 @@ CEILING_OFFSET = 200.0  # ceiling over ground at the start, in units of the netw
 GROUND_LIMIT = -1000.0  # water height at level 0, in units of the network
 MINIMUM_WATER_LEVEL = 0.01
 
-CREEPER_HEIGHT_STD = 0.1  # around the task's mean height, in m
-MINIMUM_CREEPER_HEIGHT = 0.2  # also of a swinging creeper's part, in m
+CREEPER_HEIGHT_STD = 0.1  # standard deviation of heights around the task's mean, in m
+MINIMUM_CREEPER_HEIGHT = 0.2  # smallest height of a creeper, or of a swinging creeper's part, in m
 MINIMUM_CREEPER_WIDTH = 0.2  # in m
 MINIMUM_CREEPER_SPACING = 0.01  # in m, before rounding up to terrain steps
 CREEPER_PART_HEIGHT = 1.0  # largest height of a swinging creeper's part, in m
@@ -262,7 +262,7 @@ def _lay_out(ground: Floats, ceiling: Floats) -> tuple[Floats, Floats, Floats]:
 def _fill_column(
     corners: Floats, left: float, right: float, low: tuple[float, float], high: tuple[float, float]
 ) -> None:
-    """Write the corners (4, 2) of a solid with vertical sides, given both sides' ends `low` and `high`."""
+    """Write the corners (4, 2) of a solid with two vertical sides, which extend from `low` to `high`."""
     corners[0, 0], corners[0, 1] = left, low[0]
     corners[1, 0], corners[1, 1] = right, low[1]
     corners[2, 0], corners[2, 1] = right, high[1]

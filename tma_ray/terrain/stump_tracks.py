@@ -19,7 +19,7 @@ TRACK_LENGTH = 200 * TERRAIN_STEP  # x where the last stump must end, in m
 GOAL_X = 190 * TERRAIN_STEP  # in m
 FIRST_STUMP = STARTPAD_STEPS * TERRAIN_STEP  # x where the first stump begins, in m
 
-STUMP_HEIGHT_STD = 0.1  # around the task's mean height, in terrain steps
+STUMP_HEIGHT_STD = 0.1  # standard deviation of heights around the task's mean, in terrain steps
 MINIMUM_STUMP_HEIGHT = 0.05  # in terrain steps
 STUMP_WIDTH = TERRAIN_STEP  # in m
 MINIMUM_SPACING = 0.01  # smallest gap between two stumps, in m

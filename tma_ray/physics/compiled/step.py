@@ -57,7 +57,7 @@ class SimulationState(NamedTuple):
     torques: Floats  # torque of each motor, in N m (j,)
     forces: Floats  # forces of the water on each part (p, 3), written by `water_forces`
     points: Floats  # positions of the sensors (g, 2), in m
-    contacts: Integers  # number of pieces of ground and of ceiling that each part touches (p, 2)
+    contacts: Integers  # numbers of ground and of ceiling solids that each part touches (p, 2)
     medium: Integers  # consecutive steps under water and outside it (2,)
     wet: Integers  # 1 if the water exerts forces, otherwise 0 (1,)
     grips: Integers  # object that each sensor touches and holds (g, 2)
@@ -66,7 +66,7 @@ class SimulationState(NamedTuple):
 
 
 def new_memory(body: StepArrays, all_joints: int, settings: SolverSettings, count_contact: int) -> Memory:
-    """Return a new memory with a copy of `body`, which has `all_joints` joints including passive ones."""
+    """Return a new memory with a copy of `body`, which has `all_joints` joints, passive ones included."""
     p, j, r = len(body.critical), len(body.motors), len(body.rays)
     v, g, h = len(body.vertices), len(body.grips), all_joints
     memory = Memory(
@@ -89,7 +89,7 @@ def new_memory(body: StepArrays, all_joints: int, settings: SolverSettings, coun
 
 
 def put_world(memory: Memory, world: World, swinging: Integers) -> None:
-    """Write the sizes and addresses of the arrays of `world` to `memory`; keep `world` alive as long."""
+    """Store the addresses and sizes of the arrays of `world` in `memory`; `world` must outlive it."""
     memory.floats[[GOAL_X, WATER_Y, SWAY]] = world.goal_x, world.water_y, world.sway
     arrays = (world.ground, world.ceiling, world.creepers, world.poses, world.movable, swinging)
     sizes = len(world.ground), len(world.ceiling), len(world.creepers)

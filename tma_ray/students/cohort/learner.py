@@ -110,7 +110,7 @@ class StackedLearner(ABC):
 
     @abstractmethod
     def _parameter_groups(self) -> list[tuple[torch.Tensor, torch.Tensor]]:
-        """Return the memory (k, ..., p) and the unpadded columns of each parameter group, the actor first."""
+        """Return the tensors (k, ..., p) of parameters with their unpadded columns, the actor's first."""
 
     @abstractmethod
     def metrics(self, slot: int) -> dict[str, float]:

@@ -179,7 +179,7 @@ def write_masked(memory: torch.Tensor, values: torch.Tensor, mask: torch.Tensor)
 
 
 def _corrections(rate: float) -> list[tuple[float, float]]:
-    """Return rate / (1 - beta_1^t) and sqrt(1 - beta_2^t) for t = 0, 1, ... until they are constant."""
+    """Return Adam's bias corrections rate / (1 - beta_1^t) and sqrt(1 - beta_2^t) for t = 0, 1, ..."""
     last = math.ceil(math.log(2.0**-54) / math.log(max(BETAS)))
     first, second = BETAS
     powers = ((first**step, second**step) for step in range(1, last + 1))

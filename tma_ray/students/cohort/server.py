@@ -84,7 +84,7 @@ class LearnerServer:
         return len(self._slots)
 
     def serve(self, should_stop: Callable[[], bool], poll_seconds: float = 0.5) -> None:
-        """Serve until `should_stop`, which is polled every `poll_seconds`.
+        """Serve requests until `should_stop` returns True, which is polled every `poll_seconds`.
 
         Raises:
             MemoryError: if memory does not suffice for the slots. Workers stay connected, without a reply.
@@ -141,7 +141,7 @@ class LearnerServer:
             self._answer(connection, lambda: handler(connection, *arguments))
 
     def _answer(self, connection: Connection, make: Callable[[], Any]) -> None:
-        """Send the result of `make`, or the error that `make` raises."""
+        """Reply with the result of `make`, or with the error that it raises."""
         try:
             reply = make()
         except (MemoryError, torch.OutOfMemoryError):

@@ -1,4 +1,4 @@
-"""Slots of runs in stacked learners, with conversion to and from students that learn alone."""
+"""Slots of runs in stacked learners, and their conversion to and from ordinary students."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable

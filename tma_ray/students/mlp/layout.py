@@ -45,7 +45,7 @@ class Layout(NamedTuple):
         return sum(self.lengths)
 
     def trunks(self, first: int) -> NDArray[np.bool_]:
-        """Return the mask (p,) of parameters that splits the network into two of half the hidden units.
+        """Return a parameter mask (p,) that splits the network in two, with half of the hidden units each.
 
         Args:
             first: number of outputs of the first network.

@@ -208,7 +208,7 @@ MODULES: Mapping[Activation, type[nn.Module]] = {Activation.RELU: nn.ReLU, Activ
 
 
 class FlatParameters:
-    """Parameters of modules in one vector, of which the modules' own parameters become views.
+    """Flat vector with the parameters of modules, which then use views of it.
 
     Attributes:
         parameters: parameters of the modules in the order of the vector.
@@ -257,7 +257,7 @@ class FlatParameters:
     def backpropagate(
         self, kept: Sequence[torch.Tensor], gradient: torch.Tensor, others: Sequence[torch.Tensor] = ()
     ) -> None:
-        """Write the only network's gradient, given that of its outputs (n, h), and those of `others`."""
+        """Write the gradients of a single network, given that of its outputs (n, h), and of `others`."""
         (network,) = self.networks
         network.backpropagate(kept, gradient)
         self._keep(others)
@@ -278,7 +278,7 @@ def as_modules(parameters: torch.Tensor, layout: Layout) -> list[nn.Module]:
 
 
 class FlatAdam:
-    """Adam on a flat vector; it shares its state with `optimiser`, which is the one in checkpoints."""
+    """Adam on a flat vector, which shares its state with `optimiser`, the one saved in checkpoints."""
 
     def __init__(self, optimiser: torch.optim.Optimizer, flat: FlatParameters) -> None:
         (group,) = optimiser.param_groups

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class ActingNetwork(Protocol):
-    """Network of a student's actions: an `ArrayNetwork` or a `GreedyNetwork`."""
+    """Interface of networks that compute actions: `ArrayNetwork` and `GreedyNetwork`."""
 
     row: RowNetwork
 
@@ -94,7 +94,7 @@ class RolloutWorker(ActingStudent):
 
     @abstractmethod
     def restore_experience(self, experience: dict[str, Any]) -> None:
-        """Load what `experience` returned at the end of an episode."""
+        """Restore the values that `experience` returned at the end of an episode."""
 
     def reset(self) -> None:  # noqa: D102
         self._forget()

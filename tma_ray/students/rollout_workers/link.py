@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from tma_ray.support.validation import check_fields, check_whole
 
-ALIGNMENT = 64  # bytes between the starts of arrays in a shared buffer
+ALIGNMENT = 64  # alignment of arrays in a shared buffer, in bytes
 
 
 class ArrayRef(NamedTuple):
@@ -87,7 +87,7 @@ def has_shared_memory() -> bool:
     return hasattr(os, "memfd_create")
 
 
-Weights = NDArray[np.float32]  # parameters of the acting network (p,)
+Weights = NDArray[np.float32]  # parameters of the network that computes actions (p,)
 
 
 class LearnerError(RuntimeError):
@@ -183,7 +183,7 @@ class LearnerLink:
         return weights
 
     def ask(self, request: str, *arguments: Any, follows: Callable[[Any], None] = lambda _: None) -> Any:
-        """Send a request and whatever `follows` sends, and return the reply.
+        """Send a request, call `follows` to send more, and return the reply.
 
         Requests, with their arguments and replies, are
 
