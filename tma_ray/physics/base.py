@@ -51,7 +51,7 @@ class Engine(Protocol):
 
     Attributes:
         arrays: arrays of the body for the kernels.
-        state: values (p, 6) in the layout of kernels.py.
+        state: state of the parts (p, 6), as in kernels.py.
         contacts: numbers of ground and of ceiling solids that each part touches (p, 2).
         grips: object that each grip sensor touches and holds (g, 2).
         medium: consecutive steps under water and outside it (2,).

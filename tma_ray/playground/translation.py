@@ -512,7 +512,7 @@ class _Function:
         return self._kept(self._view(ArrayType(kind, len(sizes)), memory, sizes))
 
     def _shaped(self, address: str, shape: Value, kind: str) -> Value:
-        """Return the memory at an address as an array with a shape."""
+        """Return an array with a shape that is a view of the memory at an address."""
         sizes = self._sizes(shape)
         return self._view(ArrayType(kind, len(sizes)), f"({kind} *)(intptr_t)({address})", sizes)
 

@@ -76,7 +76,7 @@ def moved(
     noise *= rng.random((count, CANDIDATES, 1)) ** (1 / size)
     backwards = np.minimum((noise * directions).sum(axis=-1, keepdims=True), 0.0)
     noise -= np.where(ready, 2 * backwards, 0.0) * directions
-    shares = np.linspace(0, 1, LINE_CANDIDATES + 1)[None, :, None]  # 0 is the particle itself
+    shares = np.linspace(0, 1, LINE_CANDIDATES + 1)[None, :, None]  # with 0 for the particle itself
     offsets = np.concatenate([reach * shares * directions, reach * noise], axis=1)
     candidates = np.clip(particles[:, None] + offsets, 0.0, 1.0)
     expected = performance(candidates.reshape(-1, size)).reshape(count, -1)

@@ -181,7 +181,7 @@ class AffineCoupling(nn.Module):
         return self._replaced(points, points[:, self._moved] * scale + shift), scale.log().sum(dim=1)
 
     def inverse(self, points: torch.Tensor, condition: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Invert `forward` at `points` (n, d), and return the log-determinants (n,) of `forward` too."""
+        """Invert `forward` at `points` (n, d); also return the log-determinants (n,) of `forward`."""
         scale, shift = self._scale_and_shift(points, condition)
         return self._replaced(points, (points[:, self._moved] - shift) / scale), scale.log().sum(dim=1)
 

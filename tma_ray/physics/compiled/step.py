@@ -50,9 +50,9 @@ class Memory(NamedTuple):
 class SimulationState(NamedTuple):
     """State of a simulation of p parts and h joints, j of them with motors, and g grip sensors."""
 
-    action: Floats  # values (j + g,)
-    commands: Floats  # values (j, 2), written by `command_motors`
-    state: Floats  # values (p, 6) in the layout of kernels.py
+    action: Floats  # action (j + g,)
+    commands: Floats  # commands of the motors (j, 2), written by `command_motors`
+    state: Floats  # state of the parts (p, 6), as in kernels.py
     rotations: Floats  # cosine and sine of the angle of each part (p, 2)
     torques: Floats  # torque of each motor, in N m (j,)
     forces: Floats  # forces of the water on each part (p, 3), written by `water_forces`
@@ -324,7 +324,7 @@ def step(floats: Floats, integers: Integers, observation: NDArray[np.float32]) -
 def step_at(
     floats_at: int, floats_size: int, integers_at: int, integers_size: int, observation: NDArray[np.float32]
 ) -> tuple[float, bool]:
-    """Run a step, with the memory given by addresses, which avoids numba's reference counting."""
+    """Run a step on memory given by its addresses, without numba's reference counting."""
     floats = carray(cp.as_pointer(floats_at), floats_size, np.float64)
     integers = carray(cp.as_pointer(integers_at), integers_size, np.int64)
     return step(floats, integers, observation)

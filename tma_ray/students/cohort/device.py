@@ -159,7 +159,7 @@ def words(keys: torch.Tensor, numbers: torch.Tensor, purpose: Purpose, count: in
     """Return random words (k, count) for the updates `numbers` (k,) of the runs with `keys` (k, 2)."""
     blocks = torch.arange(-(-count // 4), device=keys.device)
     low, high = (numbers & _WORD)[:, None], (numbers >> 32 & _WORD)[:, None]
-    # rounds do not multiply the second word: torch.compile would multiply block numbers in 32 bits
+    # as the second word, since torch.compile would multiply block numbers as 32-bit integers
     counters = low, blocks, high, torch.full_like(low, int(purpose))
     return philox(counters, (keys[:, :1], keys[:, 1:])).flatten(1)[:, :count]
 

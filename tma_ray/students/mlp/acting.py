@@ -111,7 +111,10 @@ def _add_products(matrix: FloatArray, source: FloatArray, active: IntArray, outp
 
 
 class ArrayNetwork:
-    """Network in numpy for batches and, by `row`, single observations; the first outputs are mean actions."""
+    """Multilayer perceptron in numpy, whose first outputs are mean actions.
+
+    Single observations use `row`.
+    """
 
     def __init__(self, layout: Layout, action_size: int) -> None:
         self.layout, self._action_size = layout, action_size

@@ -228,8 +228,7 @@ class CohortSettings:
         device: torch device of the learner.
         width: slots of each stack of equal students, which are updated together; results depend on it up to
             rounding.
-        compiled: True to compile updates, which takes half a minute and pays on a GPU; a text is the mode of
-            the compiler.
+        compiled: True, or a compiler mode, to compile updates, which takes half a minute and pays on a GPU.
         threads: torch threads on a CPU.
     """
 

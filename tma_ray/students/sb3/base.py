@@ -91,7 +91,7 @@ class StableBaselinesStudent(ActingStudent, Generic[H, M]):
 
     @abstractmethod
     def _connect(self) -> None:
-        """Clear the buffer, and connect it and the network of actions to a new `self.model`."""
+        """Connect the cleared buffer, and the network that computes actions, to a new `self.model`."""
 
     @abstractmethod
     def _refresh(self) -> None:
