@@ -65,7 +65,7 @@ class BodyConformance:
             assert sum(signal.size for signal in signals) == size, f"{kind}s have {size} values"
 
     def test_it_stays_together_under_random_actions(self, environment: str) -> None:
-        """Check that observations stay finite and that conflicting joints do not shoot the head away."""
+        """Check that observations stay finite and that joints do not tear the body apart."""
         for seed in range(3):
             for observation, speed in self._played(environment, seed):
                 assert np.isfinite(observation).all(), f"{self.body}: an observation is not finite"

@@ -90,7 +90,7 @@ def _parkour(
     delta: float = 10.0,
     tests: str = "",
 ) -> Challenge:
-    """Return a Parkour challenge with bounds of theta_1 to theta_3, and `tests` or test sets by body."""
+    """Return a Parkour challenge; `theta` holds three bounds, `tests` a test set for all bodies."""
     bounds = {
         **dict(zip(("theta_1", "theta_2", "theta_3"), theta, strict=True)),
         "water_level": water,

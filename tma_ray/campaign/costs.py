@@ -119,7 +119,7 @@ def label_of(spec: RunSpec) -> str:
 def known_speeds(
     examples: Mapping[SpeedKey, RunSpec], config: ExecutionConfig, at_once: int
 ) -> Mapping[SpeedKey, Throughput]:
-    """Return speeds from the table, scaled to this machine, and measured speeds where the table lacks them.
+    """Return speeds from the table, scaled to this machine, or measured ones if it lacks them.
 
     Raises:
         ValueError: if a measured run fails.
@@ -161,7 +161,7 @@ def measured_speeds(
     if not examples:
         return {}
     alone = config
-    if config.width or not is_available(config.device):  # as for runs sent to a cluster
+    if config.width or not is_available(config.device):  # for instance if the GPUs are on a cluster
         alone = replace(config, device="cpu", cohort=0, resources=replace(config.resources, gpus=0))
     specs = list(examples.values())
     request = pickle.dumps(([spec.to_dict() for spec in specs], alone, contents(specs), sys.path))
@@ -183,7 +183,7 @@ def measured_speeds(
 
 @cache
 def machine_speed(at_once: int) -> float:
-    """Return the speed of a core while `at_once` processes run, in rounds of `ROUNDS` per second."""
+    """Return the speed of a core, in rounds of `ROUNDS` per second, while `at_once` processes run."""
     processes = [
         subprocess.Popen(  # noqa: S603
             [sys.executable, "-c", ROUNDS, str(MACHINE_SECONDS)],
@@ -238,7 +238,7 @@ def measure(spec: RunSpec, config: ExecutionConfig) -> Throughput:
     training = training_speed(MEASURED_SECONDS)
     environment.close()
     playing = 0.0
-    for tasks in (spec.test_set.tasks[:1], spec.test_set.tasks[::10]):  # the first pass compiles
+    for tasks in (spec.test_set.tasks[:1], spec.test_set.tasks[::10]):  # the first pass compiles kernels
         evaluation = Evaluation(replace(spec, test_set=replace(spec.test_set, tasks=tasks)))
         start = clock()
         steps = sum(row["length"] for row in evaluation(student.act_greedily))
@@ -271,7 +271,7 @@ def _shared(alone: Throughput, spec: RunSpec, config: ExecutionConfig) -> Throug
     return replace(alone, training=PLAYER_SPEEDS[0], playing=PLAYER_SPEEDS[1], learner=learner)
 
 
-TEST_STEPS = 1_000  # environment steps of a test task, half of the maximum
+TEST_STEPS = 1_000  # assumed length of test episodes in steps, half of the maximum
 
 START_SECONDS = 8.0
 """Core time of a run's processes before the first step and after the last, s (measured)."""
@@ -381,7 +381,7 @@ def estimate(
     hours = learner_hours = disk = largest_buffer = 0.0
     for key, spec in examples.items():
         speed, schedule = throughputs[speed_key(spec)], spec.schedule
-        # before the first step, at the end of each interval, and after the last step
+        # evaluations before the first step, after every interval, and after the last step
         tests = (math.ceil(schedule.steps / schedule.evaluation_interval) + 1) * len(spec.test_set)
         seconds = START_SECONDS + schedule.steps / speed.training + tests * TEST_STEPS / speed.playing
         hours += counts[key] * seconds / 3600
@@ -440,7 +440,7 @@ def _learners_and_cores(config: ExecutionConfig, nodes: Nodes, runs: int) -> tup
 def quote(
     plan: Plan, results: str, config: ExecutionConfig, nodes: Nodes | None, *, whole: bool
 ) -> tuple[Cost | None, Cost | None]:
-    """Return the cost of the plan, or None unless `whole`, and its `long_cost`, at the same speeds."""
+    """Return the cost of the whole plan (if `whole`, else None) and its `long_cost`, at equal speeds."""
     cost = estimate(plan, config, nodes=nodes) if whole else None
     return cost, long_cost(plan, results, config, cost.throughputs if cost else None, nodes)
 

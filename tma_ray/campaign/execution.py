@@ -217,7 +217,7 @@ _tried: set[tuple[str, object]] = set()
 
 
 def warm_nodes(specs: Sequence[RunSpec], files: Mapping[str, bytes], shipped: bool = True) -> None:
-    """Construct every environment of `specs`, and import every plug-in, once on every node.
+    """Construct the environments and import the plug-ins of `specs` once on every node.
 
     This fills the nodes' compilation caches, so that actors do not all compile at once. The driver tries
     environments without plug-ins itself. Nodes that join later compile in their first run.
@@ -249,7 +249,7 @@ def warm_nodes(specs: Sequence[RunSpec], files: Mapping[str, bytes], shipped: bo
     for (node, recipe), spec in due.items():
         if (node, recipe) not in _tried:
             tasks[node].append(spec.to_dict())
-    # Use a new process, since imported plug-ins would stay, but one per node, since processes start slowly.
+    # One process per node, since processes start slowly; a new one, since imported plug-ins persist.
     task = ray.remote(max_calls=1, num_cpus=0)(_try_all)
     try:
         ray.get([_submit(node, task, planned, files) for node, planned in tasks.items()])

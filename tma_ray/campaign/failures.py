@@ -48,7 +48,7 @@ class RetryingCommitter:
         *arguments: Arguments.args,
         **options: Arguments.kwargs,
     ) -> Result:
-        """Return the result of an operation of the committer, as in ``call(Committer.manifest, run_id)``.
+        """Call a method of the committer, as in ``call(Committer.manifest, run_id)``; return its result.
 
         Raises:
             RootInUseError: if another campaign holds the lease on the root.
@@ -90,11 +90,11 @@ class Retries:
 
     @property
     def specs(self) -> list[RunSpec]:
-        """Specs of the runs that wait."""
+        """Specs of the waiting runs."""
         return [spec for _, spec in self._pausing]
 
     def add_loss(self, spec: RunSpec, node: str) -> bool:
-        """Schedule a new attempt at a run lost on `node` ("" if unknown), or return False after too many."""
+        """Schedule a retry of a run lost on `node` ("" if unknown); return False after too many losses."""
         self._lost_on.setdefault(spec.run_id, []).append(node)
         losses = self.losses(spec.run_id)
         if losses > self._most_losses:

@@ -40,9 +40,9 @@ from tma_ray.support.quantities import (
 )
 from tma_ray.tasks import KnowledgeLevel
 
-MAX_SEEDS = 100_000  # largest number of seeds that an option may name
+MAX_SEEDS = 100_000  # largest number of seeds of an option
 OFF = "off"  # value of ``--cohort`` for runs that learn alone
-SCHEDULE = tuple(field.name for field in fields(Schedule))  # attributes of `Schedule` with an option
+SCHEDULE = tuple(field.name for field in fields(Schedule))  # names of the schedule's options
 
 
 def names(text: str) -> tuple[str, ...]:
@@ -485,7 +485,7 @@ def campaign_defaults(campaign: CampaignSpec) -> dict[str, str]:
 
 
 def chosen_campaign(campaign: CampaignSpec, options: CampaignOptions) -> CampaignSpec:
-    """Return `campaign` with the options' values in place of its own, in all distinct combinations."""
+    """Return `campaign` with cells of all combinations of the options' values, which replace its own."""
     choices: dict[str, Sequence[Any] | None] = {
         "environment": (options.environment,) if options.environment else None,
         "challenge": options.challenges,

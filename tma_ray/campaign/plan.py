@@ -222,7 +222,7 @@ def matrix_campaigns(
 
 
 def joined_plan(name: str, campaigns: Sequence[CampaignSpec]) -> Plan:
-    """Join `campaigns` into the plan of one campaign, of which they are the experiments.
+    """Join `campaigns` into the plan of one campaign, with an experiment for each.
 
     Runs are ordered by seed, then by cell, since partial results can then be compared.
 
@@ -258,7 +258,7 @@ QUICKSTART = CampaignSpec(
 
 
 def planned_experiments(plan: Plan) -> list[dict[str, Any]]:
-    """Return the size of each experiment of `plan`, in order.
+    """Return the sizes of the experiments of `plan`, in order.
 
     ``cells`` counts combinations of body, student, teacher and level; ``asked`` those with their seeds, as
     the paper counts runs; ``executed`` and ``steps`` the runs that are in no earlier experiment.

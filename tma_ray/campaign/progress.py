@@ -305,7 +305,7 @@ class Observer:
 STATES = (RunStatus.DONE, RunStatus.RUNNING, INTERRUPTED, RunStatus.FAILED, WAITING)
 MAX_ERRORS, MAX_RUNS = 5, 3  # largest number of errors listed, and of runs listed per error
 MIN_NAME_WIDTH = 32  # width of the first column, in characters
-REFRESH_SECONDS = 5.0  # time between two updates of a status that is watched, s
+REFRESH_SECONDS = 5.0  # time between two updates of the live status, s
 
 
 def show_status(root: str | Path, cells: bool = False, console: Console | None = None) -> bool:

@@ -18,7 +18,7 @@ from tma_ray.results import NotRunningError, Store, ask_to_stop
 from tma_ray.tasks import KnowledgeLevel
 from tma_ray.testing import EPISODES, find_simulated_challenge, matrix
 
-Judge = Callable[[], bool]  # evaluates the looks so far, and returns True to end the trial
+Judge = Callable[[], bool]  # evaluates the interim looks so far; returns True to end the trial
 
 
 def campaign_of(teacher: str) -> str:
@@ -45,7 +45,7 @@ class TrialRuns:
         return self._options.nodes(self.config.device)
 
     def remaining(self) -> list[Plan]:
-        """Return the runs up to each look that are unfinished.
+        """Return plans of the unfinished runs up to each interim look.
 
         Raises:
             ResultsRootError: if the results root belongs to something else.

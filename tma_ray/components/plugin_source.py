@@ -13,7 +13,7 @@ from pathlib import Path
 
 from tma_ray.support.decoding import read_file
 
-OURS = "tma_ray"  # distribution installed on every machine of a campaign
+OURS = "tma_ray"  # this distribution, which every machine of a campaign has
 PACKAGES = frozenset({OURS, "analysis"})  # top-level packages of this distribution
 
 MAIN_GUARDS = ("__name__ == '__main__'", "'__main__' == __name__")
@@ -175,6 +175,6 @@ def _imported_part(code: bytes) -> bytes:
     for node in reversed(ast.parse(code).body):
         start = min([node.lineno, *(part.lineno for part in getattr(node, "decorator_list", ()))]) - 1
         if isinstance(node, ast.If) and not node.orelse and ast.unparse(node.test) in MAIN_GUARDS:
-            del lines[start:end]  # with the comments that follow the block
+            del lines[start:end]  # including comments after the block
         end = start
     return b"".join(lines)

@@ -241,7 +241,7 @@ class Registry(Generic[ComponentT]):
 @cache
 def _entry_points(path: tuple[str, ...]) -> EntryPoints:  # noqa: ARG001 - part of the key
     """Return the entry points of the packages on `path`, cached since hundreds of files hold them."""
-    return cast("EntryPoints", entry_points())  # a similar type before Python 3.12
+    return cast("EntryPoints", entry_points())  # the type differs before Python 3.12
 
 
 def _target_of(implementation: object) -> str:
@@ -251,6 +251,6 @@ def _target_of(implementation: object) -> str:
 def _identity(implementation: object) -> str:
     """Return the module and name, which are equal for a script and its import by another process."""
     module = getattr(implementation, "__module__", "?")
-    with contextlib.suppress(ValueError):  # raised in interactive sessions, which have no other name
+    with contextlib.suppress(ValueError):  # raised in interactive sessions
         module = importable_name(module)
     return f"{module}.{getattr(implementation, '__qualname__', implementation)}"

@@ -214,7 +214,7 @@ def run(
         except UsageError as error:
             sys.stderr.write(f"{error}\n")
             return REFUSED
-        if before is not None and call.func.__module__ != "cyclopts.core":  # not for help or version
+        if before is not None and call.func.__module__ != "cyclopts.core":  # not needed for help and version
             before()
         return call() or 0
 
@@ -239,7 +239,7 @@ def read(app: App, words: Sequence[str]) -> partial[int | None]:
 
 
 def commands(app: App) -> Iterator[tuple[tuple[str, ...], App]]:
-    """Yield the words and the app of each command: of `app` itself and, recursively, its subcommands."""
+    """Yield the words and the app of `app` itself and, recursively, of its subcommands."""
     yield (), app
     for name in app:
         if not name.startswith("-"):

@@ -54,7 +54,7 @@ def print_line(text: str) -> None:
     terminal().print(text, highlight=False, soft_wrap=True)
 
 
-_MODES: Final = {"stdin": "r", "stdout": "w", "stderr": "w"}  # in the order of their descriptors
+_MODES: Final = {"stdin": "r", "stdout": "w", "stderr": "w"}  # in order of descriptors
 
 
 class VisibleStream:

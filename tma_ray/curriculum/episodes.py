@@ -19,7 +19,7 @@ Apply: TypeAlias = Callable[[Any, Mapping[str, float]], object]
 
 @dataclass(frozen=True, eq=False)
 class Assignment:
-    """Task for one episode."""
+    """Task assigned to an episode."""
 
     number: int  # in the order of assignment
     task: Task  # (d,)

@@ -20,7 +20,7 @@ from tma_ray.results.storage import StorageError, Store
 from tma_ray.results.verification import Inspector
 from tma_ray.support.decoding import DamagedFileError
 
-TEMPORARY_SECONDS: Final = 3600.0  # age at which temporary files count as left by killed processes, s
+TEMPORARY_SECONDS: Final = 3600.0  # age after which temporary files count as leftovers, s
 ATTEMPT: Final = re.compile(r"attempt-(\d{1,9})")  # matches an attempt's number in its file names
 
 logger = logging.getLogger(__name__)
@@ -61,7 +61,7 @@ WITHDRAWN: Final = b"null"  # record of an attempt that never began
 
 
 def write_progress(store: Store, record: AttemptRecord) -> None:
-    """Write the record of a running attempt, whose outcome applies if the attempt is lost now."""
+    """Write the record of a running attempt, which becomes its row if the attempt is lost."""
     content = {**asdict(record), "started_at": record.started_at.isoformat()}
     store.write_bytes(layout.progress_path(record.run_id, record.attempt), json.dumps(content).encode())
 

@@ -28,7 +28,7 @@ from tma_ray.results.storage import ResultsRootError, Store
 from tma_ray.results.verification import Inspector
 from tma_ray.support.decoding import DamagedFileError, DamagedFileWarning
 
-SINGLE_RUNS = "single_runs"  # in file names, experiment of runs without a campaign
+SINGLE_RUNS = "single_runs"  # name in place of an experiment for runs without a campaign
 
 
 @dataclass(frozen=True)
@@ -292,7 +292,7 @@ def copy_merged(results: Results, target: Store, options: CopyOptions = WHOLE) -
 def copy_extras(
     results: Results, target: Store, manifests: Sequence[Manifest], options: CopyOptions
 ) -> tuple[str, ...]:
-    """Copy the inputs and policies of runs, and return the paths of unsafe policy files, which stay."""
+    """Copy the inputs and policies of runs, and return the paths of unsafe policy files left out."""
     for path in stored_inputs(results.store, (manifest.run for manifest in manifests)):
         target.write_bytes(path, results.store.read_bytes(path))
     if not options.policies:
@@ -409,7 +409,7 @@ def _merge(results: Results, manifests: Sequence[Manifest], experiment: str, lea
     ids, about = {manifest.run.run_id for manifest in manifests}, []
     for table in (Table.RUNS, Table.ATTEMPTS):
         for path in store.files(f"{layout.TABLES}/{table}"):
-            with suppress(*UNREADABLE):  # readers report it
+            with suppress(*UNREADABLE):  # readers report the damage
                 listed = decode(table, store.read_bytes(path), ["run_id"])["run_id"].unique().to_pylist()
                 if ids.issuperset(listed):
                     about.append(path)

@@ -309,7 +309,7 @@ class Lease:
     def release(self) -> None:
         """Delete the lease, unless another campaign has replaced it."""
         try:
-            self.renew()  # so that no other campaign takes it over before it is deleted
+            self.renew()  # no other campaign may take it over before it is deleted
         except RootInUseError:
             return
         self.store.delete(STOP_FILE)

@@ -15,7 +15,7 @@ from tma_ray.results.storage import Store
 from tma_ray.support.decoding import MOST_FILE_BYTES, DamagedFileError
 
 _Fields: TypeAlias = dict[int, Any]  # fields of a Thrift structure by number
-PAGE_BYTES: Final = 1024  # added for every page, since many empty pages take time
+PAGE_BYTES: Final = 1024  # counted for every page, since even empty pages take time
 _VALUE_BYTES: Final = 8  # size of a number or of a text's offset
 
 _NUMBERS: Final = ("BOOLEAN", "INT32", "INT64", "FLOAT", "DOUBLE")
@@ -234,7 +234,7 @@ def unreadable_rows(table: Table, data: bytes) -> Iterator[tuple[int, int]]:
 def same_rows(table: Table, rows: pa.Table, others: pa.Table) -> bool:
     """Return True if two tables have the same rows in the same order, where NaN equals NaN."""
     alike = _canonical(table, rows).equals(_canonical(table, others))
-    return alike or encode(table, rows) == encode(table, others)  # equal bytes, since NaN != NaN
+    return alike or encode(table, rows) == encode(table, others)  # compare bytes, since NaN != NaN
 
 
 def _opened(table: Table, source: Any, *, checked: bool = False) -> pq.ParquetFile:
@@ -269,7 +269,7 @@ def _check_size(
 
 
 def _present(file: pq.ParquetFile, columns: Sequence[str]) -> list[str]:
-    """Return the `columns` that `file` has, or, without any, its first column, for the number of rows."""
+    """Return the `columns` in `file`; if there are none, its first column, for the number of rows."""
     names = file.schema_arrow.names
     return [name for name in columns if name in names] or names[:1]
 
@@ -328,7 +328,7 @@ def _options(table: Table) -> dict[str, Any]:
 
 
 def _leaves(path: str, kind: pa.DataType) -> Iterator[tuple[str, pa.DataType]]:
-    """Yield the path and type of each leaf column of a column."""
+    """Yield the path and type of each leaf of a nested column."""
     if pa.types.is_map(kind):
         yield from _leaves(f"{path}.key_value.key", kind.key_type)
         yield from _leaves(f"{path}.key_value.value", kind.item_type)
@@ -383,7 +383,7 @@ def write_published(store: Store, rows: Sequence[Mapping[str, Any]]) -> None:
 
 
 def read_published(store: Store) -> pa.Table:
-    """Return the rows that `write_published` wrote.
+    """Return published results, as written by `write_published`.
 
     Raises:
         OSError: if the file is missing or incomplete.

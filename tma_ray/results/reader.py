@@ -46,7 +46,7 @@ KEYS: Final = {Table.ATTEMPTS: (RUN_ID, "attempt"), Table.CELLS: (RUN_ID,)}
 """Key columns of tables about runs."""
 
 _THREADS: Final = 16  # may exceed the number of cores, since threads mostly wait for disks or object stores
-_SETTLED_NS: Final = 5_000_000_000  # age after which a rewrite of a file changes its time, ns
+_SETTLED_NS: Final = 5_000_000_000  # age from which a rewritten file gets a new modification time, ns
 _SMALL_ROWS: Final = 20_000  # a file with fewer rows is decoded faster than passed to a thread
 
 
@@ -103,11 +103,11 @@ class Results:
         return cls(Store.open(uri))
 
     def runs(self) -> tuple[Manifest, ...]:
-        """Return the manifests of all runs, which hold their status and error, sorted by run id."""
+        """Return the manifests of all runs, sorted by run id."""
         return self._manifests
 
     def find(self, name: str) -> Manifest:
-        """Return the manifest of the only run whose id is or begins with `name`.
+        """Return the manifest of the run with the id, or unique prefix of an id, `name`.
 
         Raises:
             ValueError: if no run matches, or several do.

@@ -91,7 +91,7 @@ class AttemptRecord:
 
 @dataclass(frozen=True)
 class ScheduleView:
-    """Field of a spec's schedule that readers use: the budget in environment steps."""
+    """Budget in environment steps, the only field of a spec's schedule that readers use."""
 
     steps: Natural | None = None
 
@@ -145,7 +145,7 @@ def check_spec(run: RunRecord) -> None:
             raise ValueError(f"its {name} is {getattr(run, name)!r}, but its spec says {value!r}")
 
 
-CHIPMUNK: Final = "Chipmunk"  # engine of tma_ray, also meant by specs without an engine
+CHIPMUNK: Final = "Chipmunk"  # engine of tma_ray, the default of specs without one
 BOX2D: Final = "Box2D"  # engine of the original release
 SIMULATED: Final = "Simulated students"  # pseudo-engine of students without physics
 NO_PHYSICS_VERSION: Final = 0  # physics version of runs with other engines

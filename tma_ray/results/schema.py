@@ -43,11 +43,11 @@ _GAUSSIAN = pa.struct(
 _BOX = pa.struct([("low", _VECTOR), ("high", _VECTOR), ("score", pa.float64())])
 
 
-DEFAULT: Final = b"default"  # key, in a column's metadata, of the default for older rows (JSON)
+DEFAULT: Final = b"default"  # metadata key of a column's default for older rows (JSON)
 
 
 def default_of(field: pa.Field) -> Any:
-    """Return the default of a column added later, for older rows, or raise a KeyError for other columns."""
+    """Return a column's default for rows older than the column, or raise a KeyError if it has none."""
     metadata = field.metadata or {}
     if DEFAULT in metadata:
         return json.loads(metadata[DEFAULT])

@@ -171,14 +171,14 @@ def _names(store: Store, folder: str) -> set[str]:
 
 
 def _rows(store: Store, table: Table, path: str, columns: Sequence[str]) -> list[dict[str, str]]:
-    with suppress(*UNREADABLE):  # readers report it
+    with suppress(*UNREADABLE):  # readers report the damage
         rows: list[dict[str, str]] = decode(table, store.read_bytes(path), columns).to_pylist()
         return rows
     return []
 
 
 def damage_reason(error: Exception, where: str) -> str:
-    """Return a description of the damage to the file `where`, given the error on reading it."""
+    """Describe the damage to the file `where`, given the error on reading it."""
     if isinstance(error, FileNotFoundError):
         return "it is missing"
     return str(error).removeprefix(f"{where} is damaged: ")

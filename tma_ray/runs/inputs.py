@@ -98,7 +98,7 @@ OPTION_FIELDS = {
 }
 """Fields of a spec that hold the options of each component."""
 
-_contents: dict[str, bytes] = {}  # contents of input files known in this process, by SHA-256
+_contents: dict[str, bytes] = {}  # contents of input files in memory, by SHA-256
 
 
 def captured(part: str, options: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, InputFile]]:
@@ -170,7 +170,7 @@ def contents(specs: Iterable[RunSpec]) -> dict[str, bytes]:
 
 
 def provide(contents_by_digest: Mapping[str, bytes]) -> None:
-    """Keep the contents of input files, by SHA-256, from another process in memory."""
+    """Store input files from another process in memory, as contents by SHA-256."""
     _contents.update(contents_by_digest)
 
 

@@ -162,7 +162,7 @@ def _quotas(root: Path) -> list[float]:
         _, controllers, path = line.split(":", 2)
         if controllers and "cpu" not in controllers.split(","):
             continue
-        mount = root / "sys/fs/cgroup" / ("cpu" if controllers else "")  # for version 1 or 2
+        mount = root / "sys/fs/cgroup" / ("cpu" if controllers else "")  # cgroups version 1 or 2
         group = mount / path.lstrip("/")
         # in a container, the path may be that of the host, which is not mounted
         for folder in [folder for folder in (group, *group.parents) if folder.is_relative_to(mount)]:

@@ -298,7 +298,7 @@ class Run:
         self._next_event = self._event_after(step)
 
     def _event_after(self, step: int) -> int:
-        """Return the step of the next event after `step`."""
+        """Return the step of the next event (evaluation, probe, statistics, reset or end) after `step`."""
         schedule = self.spec.schedule
         intervals = (schedule.evaluation_interval, schedule.probe_interval, schedule.training_window)
         regular = (step - step % interval + interval for interval in intervals)

@@ -258,7 +258,7 @@ class RunSpec:
         facts = decode_json(text, SpecView, where)
         content = decode_json(text, dict[str, Any], where)
         if facts.engine is not None:
-            return cls.from_dict(content)  # raises the ValueError
+            return cls.from_dict(content)  # raises a ValueError for the imported run
         try:
             return cls.from_dict(content)
         except (ValueError, KeyError, TypeError, AttributeError) as error:

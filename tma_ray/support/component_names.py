@@ -15,7 +15,7 @@ from typing import Any
 from urllib.parse import unquote
 
 _SETTINGS = re.compile(r"(:\w+=[^:=]*)+$")  # settings at the end of a name
-_FILE = re.compile(r"\.py:(\w+)$")  # end of a plug-in's name that gives its file
+_FILE = re.compile(r"\.py:(\w+)$")  # end of a plug-in name with a file, as in module.py:Name
 LIST_SEPARATOR = "x"  # separates list entries, since commas separate names
 
 ESCAPES = str.maketrans({character: f"%{ord(character):02X}" for character in ":=,%"})

@@ -43,7 +43,7 @@ def check_tasks(tasks: Iterable[Any], space: TaskSpace, name: str) -> None:
 
 
 def check_update(update: TeacherUpdate, space: TaskSpace, name: str) -> None:
-    """Check that a log row matches `space` and can be drawn."""
+    """Check that a log row matches `space` and can be plotted."""
     square = (space.size, space.size)
     for gaussian in update.gaussians:
         assert np.shape(gaussian.mean) == (space.size,), (
@@ -78,7 +78,7 @@ def first_difference(first: Iterable[Any], second: Iterable[Any]) -> int | None:
     return None
 
 
-STEPS = 1_000  # length of episodes, so long that some hundred reach updates every 100,000 steps
+STEPS = 1_000  # length of episodes: 100 of them reach updates due every 100,000 steps
 VALUE_SHARE = 0.05  # discounted returns and state values as a share of the episodic return
 UNSTEADINESS = 60.0  # alternating change of the improving student's returns, which makes it master some tasks
 

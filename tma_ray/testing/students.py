@@ -202,7 +202,7 @@ class SimulatedStudent:
 
     def state_values(self, observations: NDArray[np.float32]) -> Array:
         """Return the expected discounted returns (n,) for observations (n, d)."""
-        if (observations == observations[0]).all():  # the observations of a trajectory
+        if (observations == observations[0]).all():  # as in a trajectory
             return np.repeat(DISCOUNTED_SHARE * self._expected(observations[:1]), len(observations))
         return DISCOUNTED_SHARE * self._expected(observations)
 
@@ -230,7 +230,7 @@ class SimulatedStudent:
         return average[:, 0]
 
     def _learn(self, readiness: float, kernels: Array) -> None:
-        """Update the regions around a task, given the factors (d, regions) of its kernel."""
+        """Update the competence around a task, given the factors (d, regions) of its kernel."""
         kernel = kernels[0]
         for axis in kernels[1:]:
             kernel = np.multiply.outer(kernel, axis)

@@ -1,1 +1,1 @@
-"""Connection to Ray: the nodes, the watched head and the shipping of plug-ins."""
+"""Connection to Ray: nodes, monitored head, and shipping of plug-ins."""

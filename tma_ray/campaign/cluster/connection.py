@@ -1,4 +1,4 @@
-"""Connections to a private or existing Ray, and the plug-ins shipped to its workers."""
+"""Connections to a private or existing Ray instance, and shipping of plug-ins to its workers."""
 
 import atexit
 import fcntl

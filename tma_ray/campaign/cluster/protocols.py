@@ -14,7 +14,7 @@ class Watched(Protocol):
     """Ray cluster whose head is monitored while a campaign runs."""
 
     def failure_reason(self, patience: float) -> str | None:
-        """Return the reason for a loss of the head, or None; it may be silent for `patience` seconds."""
+        """Return the reason if the head is lost, else None; it may be silent for `patience` seconds."""
 
     def kill(self) -> None:
         """Kill Ray's remaining processes if this process started Ray; do not call Ray."""
@@ -27,7 +27,7 @@ class Head(Watched, Protocol):
         """Return Ray's records of live nodes, with "NodeID" and "Resources", without waiting for Ray."""
 
     def check(self) -> None:
-        """Check that the head is alive, fast enough for every iteration of a loop.
+        """Check that the head is alive; fast enough for a loop.
 
         Raises:
             HeadLostError: if the head is lost; this process is then disconnected from Ray.
@@ -37,9 +37,9 @@ class Head(Watched, Protocol):
         """Stop monitoring the head; this process stays connected to Ray."""
 
 
-PATIENCE_SECONDS: Final = 20.0  # silence of a head after which a campaign that has not begun gives up, s
+PATIENCE_SECONDS: Final = 20.0  # longest silence of a head during the setup of a campaign, s
 CHECK_SECONDS: Final = 1.0  # time between two checks, s
-GRACE_SECONDS: Final = 6.0  # time for a loop with its own checks of the head to end, s
+GRACE_SECONDS: Final = 6.0  # grace period for loops that check the head themselves, s
 
 NOT_BEGUN: Final = "no run had been started; give the same command again"
 

@@ -74,7 +74,7 @@ def loopback_only() -> Iterator[None]:
 
 
 def sockets_folder() -> Path:
-    """Return Ray's folder for sockets on this node, whose path is short enough for sockets.
+    """Return Ray's folder for sockets on this node, which has a short path.
 
     Ray has no public name for it. Tested by ``tests/campaign/test_cohorts.py``.
     """

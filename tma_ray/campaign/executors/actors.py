@@ -233,7 +233,7 @@ class LearnerActor:
             raise self._failure
 
     def report(self) -> LearnerProgress | None:
-        """Return the progress of the learner, or None before it listens."""
+        """Return the progress of the learner, or None before players can connect."""
         if self._server is None:
             return None
         account, now = dict(self._server.account), time.monotonic()

@@ -69,14 +69,14 @@ ROW_BYTES = 4.2  # bytes per number of a transition, with each observation store
 def learner_resources(
     settings: ExecutionConfig, specs: Iterable[RunSpec], keys: Mapping[str, StackKey]
 ) -> Resources:
-    """Return the resources of the learner of a full cohort of `specs`, with whole GPUs."""
+    """Return the resources of the learner of a full cohort of `specs`; GPUs are not shared."""
     replays = []
     for spec in specs:
         rows = min(int(spec.student_hyperparameters.get("buffer_size", 0)), spec.schedule.steps)
         key = keys[spec.run_id]
         replays.append(ROW_BYTES * rows * (key.observation + key.action + 2))
     device = settings.device.partition(":")[0]
-    copies = 1 if device == "cuda" else 2  # the checkpoint's copy and, on a CPU, the learner's
+    copies = 1 if device == "cuda" else 2  # in the checkpoint and, on a CPU, in the learner
     replay = copies * settings.width * max(replays, default=0.0) / GIB
     return Resources(1.0, float(device == "cuda"), PROCESS_GIB[device] + replay)
 
@@ -119,7 +119,7 @@ def check_room(settings: ExecutionConfig, specs: Sequence[RunSpec], keys: Mappin
     )
 
 
-AUTOSCALING_LEARNERS = 4  # learners that may wait for nodes of an autoscaling cluster
+AUTOSCALING_LEARNERS = 4  # most learners that wait for nodes of an autoscaling cluster
 
 LONGEST_INTERVAL = 5.0
 """Longest interval between two polls that counts as a learner's silence, s: the driver may have slept."""
@@ -194,7 +194,7 @@ class Cohorts:
         return None
 
     def learner_of(self, run_id: str) -> tuple[Learner | None, str]:
-        """Return the learner of a run that was taken, and the Ray id of the learner's node."""
+        """Return the learner of a run from `take`, and the Ray id of the learner's node."""
         return next((cohort.learner, cohort.node) for cohort in self._cohorts if run_id in cohort.runs)
 
     def leave(self, run_id: str) -> None:
@@ -208,7 +208,7 @@ class Cohorts:
         return run_id in self._blameless
 
     def update(self, *, over: bool) -> Sequence[LearnerProgress]:
-        """Update the state of all learners and return their progress, ending idle learners if `over`."""
+        """Update all learners, end idle ones if `over`, and return the progress of the learners."""
         for cohort in list(self._cohorts):
             if not self._lives(cohort) or (over and not cohort.runs):
                 self._end(cohort)

@@ -63,7 +63,7 @@ class RayExecutor:
         self.learners: Sequence[LearnerProgress] = ()
 
     def take(self, waiting: deque[RunSpec]) -> RunSpec | None:
-        """Return a run that fits now; see `Executor`."""
+        """Return a run that can start now; see `Executor`."""
         if self._cohorts is not None:
             return self._cohorts.take(waiting)
         room = capacity(self._settings.resources, self._head.nodes()) + self._settings.max_queued
@@ -89,7 +89,7 @@ class RayExecutor:
         if self._running:
             seconds = 0.0 if self._pending else seconds
             ended, _ = ray.wait(list(self._running), num_returns=1, timeout=seconds)
-            if ended:  # every attempt that has ended
+            if ended:  # collect all attempts that have ended
                 ended, _ = ray.wait(list(self._running), num_returns=len(self._running), timeout=0)
         elif not self._pending:
             time.sleep(seconds)

@@ -58,7 +58,7 @@ class AddressStore(Store, schemes=("*",)):
                 return cls(ArrowFSWrapper(filesystem), path)
             return cls(*url_to_fs(uri))
         except (ImportError, ValueError) as error:
-            address = uri.split("@")[-1]  # without a password
+            address = uri.split("@")[-1]  # strip a password
             raise ObjectStoreError(
                 f"{address}: {error}; pip install 'tma_ray[addresses]' has the libraries for https:// and hf://"
             ) from error
@@ -172,7 +172,7 @@ def _size(file: Any) -> int:
 
 @contextmanager
 def _reached(where: str) -> Iterator[None]:
-    """Context manager that converts the errors of any library into two kinds.
+    """Context manager that converts errors of libraries to FileNotFoundError or ObjectStoreError.
 
     Raises:
         FileNotFoundError: if the server reports a missing file.

@@ -289,14 +289,14 @@ def opened_ranges(fetch: Callable[[int, int], bytes], size: int) -> pa.PythonFil
 
 
 def growing_pause(failures: int, longest: float) -> float:
-    """Return the exponentially growing pause after a number of failures, at most `longest`, s."""
+    """Return the pause after a number of failures: exponential backoff up to `longest`, s."""
     return min(FIRST_PAUSE * 2.0 ** min(failures - 1, 60), longest)
 
 
 def retry(
     action: Callable[[], ResultT], seconds: float, give_up: Callable[[], bool] = lambda: False
 ) -> ResultT:
-    """Call `action`, again after every StorageError for a limited time, and return its result.
+    """Call `action`, with retries after StorageErrors for a limited time, and return its result.
 
     Args:
         action: repeatable operation.

@@ -131,7 +131,7 @@ class BucketStore(Store, schemes=("s3", "gs")):
 
     def write_bytes(self, path: str, data: bytes) -> None:
         with _explained(self.where(path)):
-            self._objects.put(self._key(path), data, chunk_size=10 * 2**20)  # in several parts if larger
+            self._objects.put(self._key(path), data, chunk_size=10 * 2**20)  # larger files are sent in parts
 
     def create(self, path: str, data: bytes) -> bool:
         return self._put_if(path, data, "create")
