@@ -33,7 +33,7 @@ BOUNDS_SEPARATOR = ".."  # separates a dimension's low and high bound in the nam
 Bounds = Mapping[str, Sequence[float]]  # low and high bounds by dimension
 
 _ELSEWHERE = {"embodiment": "--embodiment or Cell.embodiment", "render_mode": "no run; runs draw nothing"}
-"""Constructor parameters of environments that are no options of a cell, and where to set them."""
+"""Constructor parameters of environments that are not options of a cell, and where to set them."""
 
 
 def environment_settings(name: str, options: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
