@@ -1,4 +1,4 @@
-"""A student of one's own: an algorithm derived from one of stable-baselines3."""
+"""Example of a student: an algorithm derived from one of stable-baselines3."""
 
 from typing import Any
 
@@ -14,11 +14,11 @@ class Cooling(SAC):
     All keywords of its constructor are hyper-parameters of the student: its own and those of SAC.
 
     Args:
-        policy: of `SAC`.
-        env: of `SAC`.
-        ent_coef: the entropy coefficient at the start.
-        half_life: updates after which it is half as large.
-        others: of `SAC`.
+        policy: argument of `SAC`.
+        env: argument of `SAC`.
+        ent_coef: entropy coefficient at the start.
+        half_life: number of updates that halve the coefficient.
+        others: other arguments of `SAC`.
     """
 
     def __init__(
@@ -28,7 +28,7 @@ class Cooling(SAC):
         self.half_life = half_life
 
     def train(self, gradient_steps: int, batch_size: int = 64) -> None:
-        """Makes SAC's updates with the coefficient that is due."""
+        """Update the networks with the present entropy coefficient."""
         coefficient = self.ent_coef * 0.5 ** (self._n_updates / self.half_life)
         self.ent_coef_tensor = torch.tensor(coefficient, device=self.device)
         super().train(gradient_steps, batch_size)

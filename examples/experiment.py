@@ -1,4 +1,4 @@
-"""An experiment in one file: a teacher of one's own beside Random, on one's own environment.
+"""Example of an experiment in one file: a new teacher against Random, on a new environment.
 
 python experiment.py --seeds 4                  # on this machine
 python experiment.py --seeds 4 --address auto   # the same on a Ray cluster
@@ -17,9 +17,9 @@ from tma_ray.teachers import Teacher, register_teacher
 @register_teacher("staircase")
 @dataclass
 class Staircase(Teacher):
-    """Samples below a ceiling, a share of the space that rises with every success and falls with failures."""
+    """Samples below a ceiling that rises with every success and falls with every failure."""
 
-    rise: float = 0.05  # of the ceiling after a success, as a share of each dimension's range
+    rise: float = 0.05  # rise of the ceiling after a success, as a share of each dimension's range
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
         super().start(space, knowledge, rng)

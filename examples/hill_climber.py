@@ -1,4 +1,4 @@
-"""A student of one's own, from nothing: a linear policy that keeps the changes that help."""
+"""Example of a student from scratch: a linear policy trained by hill climbing."""
 
 import json
 from collections.abc import Callable
@@ -14,7 +14,7 @@ from tma_ray.students import STUDENTS, Student, Transition, read_policy, write_p
 
 @dataclass(frozen=True)
 class Hyperparameters:
-    """Of the hill climber; the run refuses others, and values of other types."""
+    """Hyper-parameters of the hill climber; other names or types of values are refused."""
 
     gamma: float = 0.99  # discount factor
     spread: float = 0.1  # standard deviation of a change of a weight
@@ -59,7 +59,7 @@ class HillClimber(Student):
             self.trial, self.episodic_return = self._changed(), 0.0
 
     def state_values(self, observations: np.ndarray) -> np.ndarray:
-        return np.full(len(observations), max(self.best_return, -1e6))  # it has no better idea
+        return np.full(len(observations), max(self.best_return, -1e6))  # no estimate by observation
 
     def save(self, folder: Path, incremental: bool = False) -> tuple[str, ...]:
         np.savez(folder / "weights.npz", best=self.best, trial=self.trial)

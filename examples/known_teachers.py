@@ -1,4 +1,4 @@
-"""Teachers of releases under other names, to learn what a trial says of them: no more than there is."""
+"""Known teachers under other names, to check the verdicts of trials on them."""
 
 from dataclasses import dataclass
 
@@ -8,13 +8,13 @@ from tma_ray.teachers.random import Random
 
 @dataclass
 class AnotherRandom(Random):
-    """Random under another name: no trial must find it better than Random."""
+    """Random under another name, which no trial should find better than Random."""
 
     algorithm_version = None
 
 
 @dataclass
 class AnotherGoalGAN(GoalGAN):
-    """GoalGAN under another name, and so with other random numbers: as good as the one released."""
+    """GoalGAN under another name, and so with other random numbers."""
 
     algorithm_version = None

@@ -22,7 +22,7 @@ def set_task(environment, task) -> None:
 
 
 def train(teacher: str, seed: int = 0, steps: int = 100_000, test_tasks: int = 50) -> float:
-    """Return the share of uniform test tasks that PPO masters after training with a teacher."""
+    """Train PPO with a teacher, and return the share of uniform test tasks that it masters."""
     curriculum = Curriculum(teacher, SPACE, mastery_return=MASTERY_RETURN, seed=seed)
     worlds = make_vec_env(lambda: curriculum.wrap(gymnasium.make("Hopper-v5"), set_task), n_envs=4)
     model = PPO("MlpPolicy", worlds, n_steps=512, seed=seed, device="cpu").learn(steps)

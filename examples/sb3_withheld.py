@@ -1,4 +1,4 @@
-"""PPO of stable-baselines3 under robust PLR, by whose marks some steps stay out of the updates.
+"""PPO of stable-baselines3 under robust PLR, which withholds some episodes from the updates.
 
 python examples/sb3_withheld.py
 """
@@ -14,7 +14,7 @@ from tma_ray.curriculum import Curriculum
 
 
 class TrainingSteps(RolloutBuffer):
-    """Rollouts of which those steps are left out that must not train."""
+    """Rollout buffer without the steps that must not train."""
 
     def reset(self):
         super().reset()

@@ -1,4 +1,4 @@
-"""Worlds of tma_ray as a vector environment of stable-baselines3, each episode on a task of its own.
+"""Worlds of tma_ray as a vector environment of stable-baselines3, with a new task in every episode.
 
 python examples/sb3_worlds.py
 """
@@ -13,10 +13,10 @@ import tma_ray  # noqa: F401  (registers the environments)
 
 
 class SB3Worlds(VecEnv):
-    """Steps all worlds in one call, and passes on what their `info` holds.
+    """Vector environment of stable-baselines3 around one of Gymnasium, with all of its `info`.
 
     Args:
-        worlds: as `gymnasium.make_vec` makes them, with ``autoreset_mode="SameStep"``.
+        worlds: environment of `gymnasium.make_vec`, with ``autoreset_mode="SameStep"``.
     """
 
     def __init__(self, worlds: VectorEnv) -> None:
@@ -74,7 +74,7 @@ class SB3Worlds(VecEnv):
 
 
 def main(steps: int = 20_000) -> None:
-    """Trains PPO on uniformly drawn tasks."""
+    """Train PPO on uniformly drawn tasks."""
     worlds = gymnasium.make_vec("tma_ray/StumpTracks-v0", num_envs=8, autoreset_mode="SameStep")
     environment = VecMonitor(SB3Worlds(worlds))
     PPO("MlpPolicy", environment, n_steps=256, seed=0, device="cpu", verbose=1).learn(steps)

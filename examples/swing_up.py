@@ -1,4 +1,4 @@
-"""An environment of one's own: Gymnasium's pendulum, whose mass and length are the task."""
+"""Example of an environment: Gymnasium's pendulum, with mass and length as the task."""
 
 from typing import Any
 
@@ -28,7 +28,7 @@ class SwingUp(PendulumEnv):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
-        """Builds the pendulum of ``options={"task": [mass, length]}``, or of a uniform task without it."""
+        """Reset the pendulum to ``options={"task": [mass, length]}``, by default to a random task."""
         observation, info = super().reset(seed=seed)
         task = (options or {}).get("task")
         task = self.task_space.sample(self.np_random) if task is None else check_task(task, self.valid_domain)
@@ -39,7 +39,7 @@ class SwingUp(PendulumEnv):
     def step(
         self, action: NDArray[np.float32]
     ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
-        """Advances by 0.05 s; nothing ends an episode but its length."""
+        """Advance by 0.05 s; episodes are truncated, and never terminate."""
         observation, reward, terminated, _, info = super().step(action)
         self.steps += 1
         return observation, float(reward), terminated, self.steps >= self.max_episode_steps, info

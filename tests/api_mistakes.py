@@ -1,4 +1,4 @@
-"""Calls with a mistake, with the error's kind and what its message says, by call."""
+"""Calls with a mistake, and the expected errors: type and part of the message, by call."""
 
 from __future__ import annotations
 

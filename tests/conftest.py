@@ -1,4 +1,4 @@
-"""How the suite runs (see `suite`); an S3 server of this machine and Chromium, for tests of all folders."""
+"""Plug-ins of the suite (see `suite`), and fixtures of all folders: a local S3 server, and Chromium."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from suite.object_server import ObjectServer
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
-# Tests share the cores already, and would wait for each other's threads.
+# Tests run in parallel already, and more threads would slow each other down.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 pytest_plugins = [f"suite.{name}" for name in ("costs", "distribution", "isolation", "kernels", "order")]
@@ -23,7 +23,7 @@ _number = count()
 
 @pytest.fixture(scope="session")
 def s3_server() -> Iterator[dict[str, str]]:
-    """The variables that lead to an S3 server in a process of its own; it ends with the tests."""
+    """Environment variables of an S3 server in a separate process, which ends with the tests."""
     pytest.importorskip("moto.server", reason="pip install 'tma_ray[dev]' brings the S3 server")
     with ObjectServer() as server:
         yield server.environment
@@ -31,7 +31,7 @@ def s3_server() -> Iterator[dict[str, str]]:
 
 @pytest.fixture
 def s3_environment(s3_server: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> str:
-    """URL of the server, with all that leads to it in the environment, and no settings of the user's."""
+    """URL of the S3 server, with its environment variables set and the user's removed."""
     for name in ("AWS_SESSION_TOKEN", "AWS_PROFILE", "AWS_ENDPOINT_URL_S3", "AWS_DEFAULT_REGION"):
         monkeypatch.delenv(name, raising=False)
     for name, value in s3_server.items():
@@ -41,7 +41,7 @@ def s3_environment(s3_server: dict[str, str], monkeypatch: pytest.MonkeyPatch) -
 
 @pytest.fixture
 def s3_root(s3_environment: str) -> str:
-    """URI of an empty folder of the bucket, another one for every test."""
+    """URI of a new empty folder of the bucket."""
     return f"s3://{ObjectServer.bucket}/root-{next(_number)}"
 
 

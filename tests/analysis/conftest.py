@@ -1,4 +1,4 @@
-"""A campaign to write invented runs to, and a command line to look at them."""
+"""Fixtures: a campaign of synthetic runs, and a function that runs commands."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def campaign(tmp_path: Path) -> SyntheticCampaign:
 
 @pytest.fixture
 def told(capsys: pytest.CaptureFixture[str]) -> Told:
-    """Gives what a command prints that ends with this exit code; with 2 why it is refused."""
+    """Function that runs a command with an expected exit code, and returns its output."""
 
     def run(code: int, *words: object) -> str:
         capsys.readouterr()

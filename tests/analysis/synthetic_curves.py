@@ -1,4 +1,4 @@
-"""Invented learning curves, run by run, as `evaluations_at` would give them."""
+"""Synthetic learning curves of runs, in the format of `evaluations_at`."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ def curve_runs(
     head_start: Mapping[str, float] | None = None,
     **changes: Any,
 ) -> pd.DataFrame:
-    """Return what `pool_runs` makes of invented runs of 20 million steps, one row per run and step.
+    """Return rows of `pool_runs` for synthetic runs of 20 million steps, one per run and step.
 
     Args:
-        teachers: who taught; the names of `SKILL` end higher the larger their skill.
-        seeds: of each.
+        teachers: teachers of the runs; those in `SKILL` end higher with more skill.
+        seeds: number of seeds of each teacher.
         every: steps between two evaluations.
-        head_start: by level of expert knowledge, all of which are run; share of the training that is saved.
-        changes: of the cells.
+        head_start: share of the training that is saved, by level of expert knowledge.
+        changes: other values of columns of the cells.
     """
     cells, values = [], []
     steps = np.arange(0, 20 * MILLION + 1, every)

@@ -1,4 +1,4 @@
-"""Invented curricula of every kind of teacher, over task spaces of any size."""
+"""Synthetic curricula of all kinds of teachers, over task spaces of any dimension."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ Update = dict[str, Any]
 
 
 def axes(size: int) -> tuple[Axis, ...]:
-    """Return `size` axes of unlike ranges, the fourth one constant."""
+    """Return `size` task dimensions with different ranges, the fourth one constant."""
     named = (f"Dimension {i}" + (f" ({UNITS[i % 5]})" if UNITS[i % 5] else "") for i in range(size))
     return tuple(Axis(name, -i, -i if i == 3 else 3.0 + i) for i, name in enumerate(named))
 
 
 def curriculum(teacher: str, size: int = 2, upto: float = 1.0) -> RunCurriculum:
-    """Return what a run of `teacher` shows after a share `upto` of its steps."""
+    """Return a synthetic curriculum of a teacher after a share `upto` of the steps."""
     rng = np.random.default_rng([*teacher.encode(), size])
     low, high = (np.array([getattr(axis, name) for axis in axes(size)]) for name in ("low", "high"))
     steps = range(0, int(upto * STEPS) + 1, PROBE_EVERY)

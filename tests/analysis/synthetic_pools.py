@@ -1,4 +1,4 @@
-"""Cells and measures of invented pools, as `load` and `run_measures` would give them."""
+"""Cells and measures of synthetic pools, in the formats of `load` and `run_measures`."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ PARKOUR_POOL = "classic_bipedal/sac + climbing_chimpanzee/sac + fish/sac"
 
 
 def cell(teacher: str, seed: int, value: float, **changes: Any) -> dict[str, Any]:
-    """Return one cell and the mastered % of its run."""
+    """Return a row of cells, with the mastered % of its run."""
     row = {
         "experiment": "original",
         "environment": "stump_tracks",
@@ -46,14 +46,14 @@ def cell(teacher: str, seed: int, value: float, **changes: Any) -> dict[str, Any
 
 
 def cells(values: Mapping[str, Sequence[float]], **changes: Any) -> Iterator[dict[str, Any]]:
-    """Yield cells of teachers, one for each of their values, seed by seed."""
+    """Yield cells of teachers, one per value, with rising seeds."""
     for teacher, numbers in values.items():
         for seed, value in enumerate(numbers):
             yield cell(teacher, seed, value, **changes)
 
 
 def parkour(teacher: str, values: dict[str, Sequence[float]], **changes: Any) -> Iterator[dict[str, Any]]:
-    """Yield cells of Parkour, one for each value of each body, with seeds of their own."""
+    """Yield cells of Parkour, one per body and value, with different seeds."""
     seeds = iter(range(1000))
     for body, numbers in values.items():
         locomotion = PARKOUR[body]
@@ -68,7 +68,7 @@ def parkour(teacher: str, values: dict[str, Sequence[float]], **changes: Any) ->
 
 
 def pool(*cells: dict[str, Any]) -> pd.DataFrame:
-    """Return what `pool_runs` makes of these cells, each with its value of all measures."""
+    """Return rows of `pool_runs` for cells, with their value in all measures."""
     rows = pd.DataFrame(cells)
     values = rows[["run_id", "mastered_percent", "step"]].drop_duplicates("run_id")
     values = values.assign(**dict.fromkeys(MEASURES, values["mastered_percent"].astype(float)))

@@ -1,4 +1,4 @@
-"""Results roots made of invented, plausible runs, written as a campaign writes them."""
+"""Results roots of plausible synthetic runs, written as by a campaign."""
 
 from __future__ import annotations
 
@@ -49,13 +49,13 @@ SMALL = {"steps": 40_000, "evaluation_every": 10_000, "episode_steps": 1_000, "g
 
 
 def mastering(count: int, of: int = 10) -> list[float]:
-    """Return returns on test tasks, so many of which are mastered."""
+    """Return the returns of test tasks, `count` of which are mastered."""
     return [300.0] * count + [0.0] * (of - count)
 
 
 @dataclass
 class SyntheticCampaign:
-    """Writes runs whose students master easy tasks first, more of them under better teachers."""
+    """Writer of synthetic runs that master easy tasks first, and more tasks under better teachers."""
 
     root: Path
     steps: int = 2_000_000
@@ -84,7 +84,7 @@ class SyntheticCampaign:
         shares: Sequence[str] = (),
         **changes: Any,
     ) -> str:
-        """Write one invented run up to a share of its steps, and its cells at `level` and at `shares`."""
+        """Write a synthetic run up to a share of its steps, and its cells at `level` and at `shares`."""
         record = self.record(teacher, seed, level, **changes)
         for cell_level in (level, *shares):
             self.cell(record, cell_level)
@@ -101,7 +101,7 @@ class SyntheticCampaign:
         level: str = "low",
         **changes: Any,
     ) -> str:
-        """Write one run with exactly these returns on the test tasks, by step, and no episodes."""
+        """Write a run with given returns on the test tasks by step, and without episodes."""
         record = self.record(teacher, seed, level, **changes)
         self.cell(record, level)
         self._plain(record, status, returns)
@@ -116,15 +116,15 @@ class SyntheticCampaign:
         level: str = "low",
         **changes: Any,
     ) -> None:
-        """Write a run for each count, seed by seed, that masters so many tasks in the end.
+        """Write runs with rising seeds that master given numbers of tasks in the end.
 
         Args:
-            teacher: of all.
-            counts: tasks that each run masters.
-            of: tasks there are.
+            teacher: teacher of all runs.
+            counts: number of mastered tasks of each run.
+            of: number of test tasks.
             half: share of its mastered tasks that a run masters at half time; not evaluated then by default.
-            level: of expert knowledge.
-            changes: of the records.
+            level: level of expert knowledge.
+            changes: other values of fields of the records.
         """
         records = [self.record(teacher, seed, level, **changes) for seed in range(len(counts))]
         self.committer.write_cells(self.campaign, [self._row(record, level) for record in records])
@@ -216,7 +216,7 @@ class SyntheticCampaign:
         }
 
     def returns(self, tasks: np.ndarray, ability: float, rng: np.random.Generator) -> np.ndarray:
-        """Return on `tasks` (n, 2): high when flat or widely spaced, falling off where ability ends."""
+        """Return the returns (n,) on tasks (n, 2), which fall where difficulty exceeds the ability."""
         difficulty = tasks[:, 0] / 3 + 0.35 * (1 - tasks[:, 1] / 6)
         return 300 - 380 / (1 + np.exp(-9 * (difficulty - ability))) + rng.normal(0, 12, len(tasks))
 

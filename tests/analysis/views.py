@@ -1,4 +1,4 @@
-"""What readers see: charts of pages as plotly has them, and what commands print."""
+"""Output for readers: charts of pages as plotly figures, and texts of commands."""
 
 from __future__ import annotations
 
@@ -18,26 +18,26 @@ Told = Callable[..., str]
 
 
 def plot_of(chart: Chart | None) -> Plot:
-    """The plot of a chart that has a single one."""
+    """Return the only plot of a chart."""
     assert chart is not None
     (plot,) = on_page(chart).plots
     return plot
 
 
 def figure_of(plot: Plot) -> go.Figure:
-    """The figure of a plot, every attribute of it checked, which refuses what plotly.js would ignore."""
+    """Return the plotly figure of a plot, which validates all attributes."""
     return go.Figure(list(plot.traces), plot.layout)
 
 
 def printed(show: Callable[..., object], *given: object, width: int = 200, **options: object) -> str:
-    """What a command prints on lines of so many characters."""
+    """Return the output of a command on a console of a given width."""
     console = Console(width=width, record=True)
     show(*given, **options, console=console)
     return console.export_text()
 
 
 def unpacked(page: str) -> str:
-    """A page with the scripts and charts in it that its reader's browser unpacks."""
+    """Return a page with its compressed scripts unpacked."""
     script = r'(<script type="application/gzip"[^>]*>)([^<]*)</script>'
     return re.sub(
         script,
@@ -47,6 +47,6 @@ def unpacked(page: str) -> str:
 
 
 def addresses_in(page: str) -> set[str]:
-    """The addresses of the network in the scripts and attributes of a page, but for names of markup."""
+    """Return the network addresses in scripts and attributes of a page, except XML namespaces."""
     strings = re.findall(r"""["'`]\s*(https?://[^"'`]*)""", page)
     return {text for text in strings if not text.startswith("http://www.w3.org/")}

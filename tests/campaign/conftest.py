@@ -1,4 +1,4 @@
-"""A real Ray on this machine, kept apart from the user's files and from other clusters."""
+"""Fixture of a Ray cluster on this machine, isolated from other clusters and the user's files."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def cluster() -> Iterator[None]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PYTHONPATH", os.pathsep.join(HELPERS), prepend=os.pathsep)  # workers inherit it
-        patch.setenv("RAY_worker_niceness", "0")  # else tests beside them leave workers next to nothing
+        patch.setenv("RAY_worker_niceness", "0")  # with the default, parallel tests starve the workers
         connect(None)
     yield
     ray.shutdown()

@@ -1,4 +1,4 @@
-"""Learner actors for which memory does not suffice."""
+"""Learner actor with too little memory."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ ENOUGH_FOR = 2
 
 
 class CrampedLearner(LearnerActor):
-    """A learner whose process has memory for a few slots only."""
+    """Learner actor with memory for a few slots."""
 
     def _work(self) -> None:
         from tma_ray.students.cohort import replay

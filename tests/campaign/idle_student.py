@@ -1,4 +1,4 @@
-"""A student that needs no torch: for campaigns in which nothing has to be learned."""
+"""Student without torch, for campaigns in which nothing has to be learned."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from tma_ray.students import Student
 
 @dataclass(frozen=True)
 class Nothing:
-    """No hyper-parameters."""
+    """Empty set of hyper-parameters."""
 
 
 class Idle(Student):
-    """Does nothing."""
+    """Student with zero actions and no learning."""
 
     hyperparameters_type = Nothing
     gamma = 1.0

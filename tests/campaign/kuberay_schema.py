@@ -17,7 +17,7 @@ TEXTS = {"type": "object", "additionalProperties": TEXT}
 
 
 def record(required: str = "", /, **fields: Any) -> dict[str, Any]:
-    """Return the schema of an object that has these fields only."""
+    """Return the schema of an object with the given fields and no others."""
     return {
         "type": "object",
         "properties": fields,
@@ -27,7 +27,7 @@ def record(required: str = "", /, **fields: Any) -> dict[str, Any]:
 
 
 def one_of(*values: str) -> dict[str, Any]:
-    """Return the schema of a choice."""
+    """Return the schema of a choice between values."""
     return {"enum": list(values)}
 
 

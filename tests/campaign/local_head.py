@@ -1,4 +1,4 @@
-"""A head node of a test's own: nobody else's Ray is joined or stopped, the user's home stays as it is."""
+"""Head node of Ray for a test, isolated from other clusters and the user's home."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ RAY = Path(sys.executable).with_name("ray")
 
 @dataclass(frozen=True)
 class Head:
-    """A running head node.
+    """Running head node.
 
     Attributes:
-        address: for drivers.
+        address: address for drivers.
         jobs: address of the Jobs API; nothing answers there without a dashboard.
-        environment: for processes that use it, with the place of its token.
+        environment: environment variables of processes that use it, with the path of its token.
     """
 
     address: str
@@ -44,7 +44,7 @@ class Head:
 
 @contextmanager
 def local_head(*options: str, dashboard: bool = False) -> Iterator[Head]:
-    """Lends the block a head node on ports of its own, which asks for a token of its own."""
+    """Context manager with a head node on free ports and with a new token."""
     place = tempfile.TemporaryDirectory(prefix="ray", ignore_cleanup_errors=True)
     with place as folder:
         ports = free_ports(len(PORTS))
@@ -68,7 +68,7 @@ def local_head(*options: str, dashboard: bool = False) -> Iterator[Head]:
 
 
 def free_ports(count: int) -> list[int]:
-    """Return ports on which nothing listens at this moment."""
+    """Return ports that are free at the moment."""
     with ExitStack() as stack:
         sockets = [stack.enter_context(socket.socket()) for _ in range(count)]
         for each in sockets:
@@ -77,7 +77,7 @@ def free_ports(count: int) -> list[int]:
 
 
 def private_environment(folder: Path) -> dict[str, str]:
-    """Return this process's environment with home, token and Ray's files in `folder`."""
+    """Return environment variables with the home, the token and Ray's files in `folder`."""
     token = folder / "token"
     token.write_text(secrets.token_hex(32))
     token.chmod(0o600)

@@ -1,4 +1,4 @@
-"""Teachers that do what they should not; named as ``misbehaving:Name``.
+"""Misbehaving teachers, named as ``misbehaving:Name``.
 
 They look for files in a folder: a file that a hyper-parameter named would be an input of the run.
 """
@@ -19,7 +19,7 @@ from tma_ray.teachers.riac import RIAC
 
 @dataclass
 class Raising(Random):
-    """Raises after some episodes."""
+    """Teacher that raises an error in `sample`."""
 
     def sample(self) -> Task:
         raise ZeroDivisionError("a teacher's own mistake")
@@ -27,7 +27,7 @@ class Raising(Random):
 
 @dataclass
 class Unstartable(Random):
-    """Raises before its first task."""
+    """Teacher that raises an error in `start`."""
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
         raise ZeroDivisionError("a teacher's own mistake at its start")
@@ -35,7 +35,7 @@ class Unstartable(Random):
 
 @dataclass
 class Waiting(Random):
-    """Raises until a file `needed` is in a folder: whatever was missing has been mended."""
+    """Teacher that raises an error until a file `needed` is in a folder."""
 
     folder: str = ""
 
@@ -47,7 +47,7 @@ class Waiting(Random):
 
 @dataclass
 class Lingering(RIAC):
-    """Its run cannot end before a file `stopped` is in a folder: until then, late episodes take longer."""
+    """Teacher that slows down late episodes until a file `stopped` is in a folder."""
 
     folder: str = ""
     hurried: int = 50
@@ -62,7 +62,7 @@ class Lingering(RIAC):
 
 @dataclass
 class Torchless(Random):
-    """Refuses to teach in a process that has torch, where it is taught in the process of its run."""
+    """Teacher that raises an error in a process that has imported torch."""
 
     def observe(self, episode: Episode) -> None:
         if "torch" in sys.modules:

@@ -1,4 +1,4 @@
-"""An attack on campaigns: every kind of fault, injected at random instants of a seed.
+"""Chaos test of campaigns: all kinds of faults, injected at random times.
 
 python tests/chaos/attack.py                          # three injections of each kind: half an hour or more
 python tests/chaos/attack.py --injections 20          # a night
@@ -35,7 +35,7 @@ MOST_PER_CAMPAIGN = 3
 
 
 def attack(kind: str, injections: int, chance: random.Random, site: Site, nodes: Nodes) -> Iterator[Fault]:
-    """Disturbs as many campaigns as it takes; yields what each has lost."""
+    """Inject faults into as many campaigns as needed; yield the losses of each."""
     expected = undisturbed_files(width=WIDTHS.get(kind, 0))
     for number, first in enumerate(range(0, injections, MOST_PER_CAMPAIGN)):
         while len(nodes.living) < 2:
@@ -47,7 +47,7 @@ def attack(kind: str, injections: int, chance: random.Random, site: Site, nodes:
 
 
 def merged(faults: list[Fault]) -> Fault:
-    """Return several faults of one kind as one."""
+    """Return the sum of several faults of one kind."""
     return Fault(
         faults[0].name,
         sum(fault.injected for fault in faults),
@@ -59,7 +59,7 @@ def merged(faults: list[Fault]) -> Fault:
 
 @contextmanager
 def private_site() -> Iterator[tuple[Site, Nodes]]:
-    """Lends the block a cluster and a place for campaigns."""
+    """Context manager with a cluster and a folder for campaigns."""
     with (
         tempfile.TemporaryDirectory(prefix="ray", ignore_cleanup_errors=True) as place,
         tempfile.TemporaryDirectory(prefix="campaigns") as folder,
@@ -70,13 +70,13 @@ def private_site() -> Iterator[tuple[Site, Nodes]]:
 
 
 def say(text: str) -> None:
-    """Print a text at once."""
+    """Print a text without buffering."""
     sys.stdout.write(f"{text}\n")
     sys.stdout.flush()
 
 
 def main() -> int:
-    """Attacks as the command line says; returns the exit code."""
+    """Inject the requested faults; return the exit code."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--injections", type=int, default=INJECTIONS, help="of each kind (default: 3)")
     parser.add_argument("--seed", type=int, default=SEED, help="of instants and victims (default: 0)")
@@ -84,13 +84,13 @@ def main() -> int:
     options = parser.parse_args()
     faults: list[Fault] = []
     unfinished: list[str] = []
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # leaves nothing behind
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # lets context managers clean up
     with private_site() as (site, nodes):
         for kind in options.kinds.split(","):
             chance = random.Random(f"{options.seed} {kind}")
             try:
                 faults.append(merged(list(attack(kind, options.injections, chance, site, nodes))))
-            except AssertionError as error:  # the other kinds are tried all the same
+            except AssertionError as error:  # continue with other kinds
                 unfinished.append(kind)
                 say(f"{kind}: {error}")
             else:

@@ -1,4 +1,4 @@
-"""The campaign that is disturbed: both students, a teacher that learns, and one that does not."""
+"""Campaign of the chaos tests: both students, an adaptive teacher, and one that is not."""
 
 from __future__ import annotations
 

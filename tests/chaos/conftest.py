@@ -1,4 +1,4 @@
-"""A place for disturbed campaigns, and the table of what was done to them."""
+"""Fixtures of the chaos tests: clusters, undisturbed results, and a table of faults."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ for folder in HELPERS:
     if folder not in sys.path:
         sys.path.insert(0, folder)
 
-# From the folders added above:
+# Imported from the folders added above:
 from faults import Check, Compare, Fault, Site, private_environment, table, undisturbed_files  # noqa: E402
 from nodes import Nodes  # noqa: E402
 
@@ -25,21 +25,21 @@ FAULTS: list[Fault] = []
 
 @pytest.fixture(scope="session")
 def environment() -> Iterator[dict[str, str]]:
-    """Of all processes: no file of Ray's in the user's home, and nobody else's Ray is met."""
+    """Environment variables of all processes, isolated from other clusters and the user's home."""
     with tempfile.TemporaryDirectory(prefix="ray", ignore_cleanup_errors=True) as place:
         yield private_environment(Path(place))
 
 
 @pytest.fixture(scope="session")
 def nodes(environment: dict[str, str]) -> Iterator[Nodes]:
-    """A cluster; tests may kill its worker nodes."""
+    """Cluster whose worker nodes may be killed by tests."""
     with Nodes(environment) as nodes:
         yield nodes
 
 
 @pytest.fixture
 def single(tmp_path: Path, environment: dict[str, str], nodes: Nodes) -> Site:
-    """The short campaign on a cluster with at least one living worker node."""
+    """Short campaign on a cluster with at least one live worker node."""
     if not nodes.living:
         nodes.add()
     return replace(_site(tmp_path, environment, nodes.address), script="short_campaign.py")
@@ -47,7 +47,7 @@ def single(tmp_path: Path, environment: dict[str, str], nodes: Nodes) -> Site:
 
 @pytest.fixture
 def clustered(tmp_path: Path, environment: dict[str, str], nodes: Nodes) -> Site:
-    """A campaign on a cluster with two living worker nodes."""
+    """Campaign on a cluster with at least two live worker nodes."""
     while len(nodes.living) < 2:
         nodes.add()
     return _site(tmp_path, environment, nodes.address)
@@ -55,19 +55,19 @@ def clustered(tmp_path: Path, environment: dict[str, str], nodes: Nodes) -> Site
 
 @pytest.fixture(scope="session")
 def undisturbed() -> dict[str, bytes]:
-    """The data files of the campaign, run by run in this process, without Ray."""
+    """Data files of the undisturbed campaign, executed in this process without Ray."""
     return undisturbed_files()
 
 
 @pytest.fixture(scope="session")
 def undisturbed_short() -> dict[str, bytes]:
-    """Those of the short one."""
+    """Data files of the undisturbed short campaign."""
     return undisturbed_files("short_campaign", "SHORT")
 
 
 @pytest.fixture(scope="session")
 def check() -> Check:
-    """Refuse a fault that has lost anything; all are shown after the tests."""
+    """Function that checks that a fault lost nothing, and adds it to the final table."""
 
     def look(fault: Fault) -> None:
         FAULTS.append(fault)
@@ -78,7 +78,7 @@ def check() -> Check:
 
 @pytest.fixture
 def compare(clustered: Site, undisturbed: dict[str, bytes], check: Check) -> Compare:
-    """Hold the clustered campaign against the undisturbed one; takes name and instants of its faults."""
+    """Function that compares the clustered campaign with the undisturbed one, and checks the fault."""
 
     def look(name: str, times: list[float], injected: int = 1) -> None:
         check(clustered.compare(name, injected, undisturbed, times))

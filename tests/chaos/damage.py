@@ -1,4 +1,4 @@
-"""Random damage to files of results roots: every command goes on, and other runs are left alone.
+"""Fuzzing of results roots: commands must survive randomly damaged files, and other runs stay intact.
 
 python tests/chaos/damage.py                      # 500 damaged files: some minutes
 python tests/chaos/damage.py --files 2000 --seed 7
@@ -55,7 +55,7 @@ def _flipped(data: bytes, chance: random.Random) -> bytes:
 
 
 def _mistyped(data: bytes, chance: random.Random) -> bytes:
-    """Return JSON with one value replaced by one of another type, or other bytes for what is not JSON."""
+    """Return JSON with the type of one value changed, or random bytes if the data is not JSON."""
     try:
         content = json.loads(data)
     except ValueError:
@@ -93,7 +93,7 @@ IN_PLACE: Mapping[str, Callable[[Path], object]] = {
 
 @dataclass
 class Damage:
-    """A damaged file: its path below the root, how it was damaged, and what went wrong because of it."""
+    """Damaged file: its path below the root, the kind of damage, and the problems it caused."""
 
     path: str
     kind: str
@@ -101,7 +101,7 @@ class Damage:
 
 
 def damaged(files: int, chance: random.Random, place: Path) -> Iterator[Damage]:
-    """Damages so many files, few at once in copies of a root, and tries all commands there."""
+    """Damage files in copies of a root, a few at a time, and try all commands there."""
     root, specs, expected = small_root(place)
     whole = {manifest.run.run_id for manifest in Results.open(root).runs()}
     ranking = _ended(("ranking", str(root)))[1]
@@ -131,7 +131,7 @@ def _damage(file: Path, kind: str, chance: random.Random) -> None:
 
 
 def _tried(root: Path, whole: set[str], found: list[Damage], ranking: str) -> list[str]:
-    """Return what was wrong in a root some of whose files are damaged."""
+    """Try all commands on a root with damaged files, and return the problems."""
     about = " and ".join(f"{each.path} ({each.kind})" for each in found)
     problems = []
     outputs = {}
@@ -146,7 +146,7 @@ def _tried(root: Path, whole: set[str], found: list[Damage], ranking: str) -> li
     untouched = {run for run in whole if not any(run in each.path for each in found)}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        with contextlib.suppress(ValueError):  # root.json may be gone with the tables
+        with contextlib.suppress(ValueError):  # the damaged file may be root.json
             lost = untouched - {manifest.run.run_id for manifest in Results.open(root).runs()}
             problems += [f"{about}: {run} is lost" for run in lost]
     for each in found:
@@ -165,15 +165,15 @@ def _ended(words: tuple[str, ...]) -> tuple[int, str]:
 
 
 def _resumed(root: Path, specs: Sequence[RunSpec], expected: Mapping[str, bytes]) -> list[str]:
-    """Start all runs again on a damaged root; return what went wrong."""
+    """Resume all runs of a damaged root, and return the problems."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             for spec in specs:
                 run_locally(spec, Committer.open(root), Placement(outage_seconds=1))
-    except ResultsRootError as error:  # a sentence, such as that a folder is where root.json should be
+    except ResultsRootError as error:  # expected if root.json is damaged
         return [] if "root.json" in str(error) else [f"resume: {error!r}"]
-    except DamagedFileError as error:  # named, for the user to move it
+    except DamagedFileError as error:  # expected if the message names a damaged file
         return [] if "a folder lies in its place" in str(error) else [f"resume: {error!r}"]
     except Exception:
         return [f"resume: {traceback.format_exc()[-1500:]}"]
@@ -197,7 +197,7 @@ def _cell(spec: RunSpec) -> dict[str, Any]:
 
 
 def small_root(folder: Path) -> tuple[Path, list[RunSpec], dict[str, bytes]]:
-    """Return a root of finished and interrupted runs, their specs, and the tables that they end with."""
+    """Return a root of finished and interrupted runs, their specs, and their expected final tables."""
     pairs = [(student, teacher) for student in ("ppo", "sac") for teacher in ("random", "alp_gmm", "riac")]
     changes = {"steps": 600, "evaluation_interval": 300, "probe_interval": 300, "training_window": 300}
     specs = [small_spec(folder, *pair, **changes) for pair in pairs]
@@ -213,7 +213,7 @@ def small_root(folder: Path) -> tuple[Path, list[RunSpec], dict[str, bytes]]:
 
 
 def main() -> int:
-    """Damages as the command line says; returns the exit code."""
+    """Damage the requested number of files; return the exit code."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--files", type=int, default=500, help="to damage (default: 500)")
     parser.add_argument("--seed", type=int, default=0, help="of files and damage (default: 0)")

@@ -1,4 +1,4 @@
-"""Disturbed campaigns: starting them, waiting for them, and comparing what they leave."""
+"""Campaigns with injected faults: start, wait, and comparison of their results."""
 
 from __future__ import annotations
 
@@ -39,14 +39,14 @@ FLAGS = ("--checkpoint-seconds", "0.3", "--memory-per-run", "0.3")
 
 @dataclass
 class Fault:
-    """What the table of faults says of one test.
+    """Row of the table of faults: one test and its losses.
 
     Attributes:
-        name: of the fault.
-        injected: how often.
-        rows_lost: of all data tables, against the undisturbed campaign.
-        bytes_different: likewise.
-        recovery_seconds: from each fault until training went on.
+        name: name of the fault.
+        injected: number of injections.
+        rows_lost: lost rows of all data tables, against the undisturbed campaign.
+        bytes_different: different bytes of all data tables.
+        recovery_seconds: times from the faults until training went on, s.
     """
 
     name: str
@@ -58,14 +58,14 @@ class Fault:
 
 @dataclass
 class Site:
-    """Where campaigns run and are disturbed.
+    """Environment of a campaign with faults.
 
     Attributes:
-        folder: of results and requests.
-        environment: of drivers.
-        address: of the cluster; None for a Ray of the campaign's own.
-        script: what a driver executes.
-        uri: of the results root, where that is not in the folder.
+        folder: folder of results and requests.
+        environment: environment variables of drivers.
+        address: address of the cluster; None for a Ray started by the campaign.
+        script: script of the driver.
+        uri: URI of a results root outside of the folder.
     """
 
     folder: Path
@@ -75,7 +75,7 @@ class Site:
     uri: str = ""
 
     def at(self, name: str) -> Site:
-        """Return a site in a new folder below this one's, without requests."""
+        """Return a site in a new sub-folder, and delete all requests."""
         for left in self.requests.iterdir():
             left.unlink()
         folder = self.folder / name
@@ -84,40 +84,40 @@ class Site:
 
     @property
     def root(self) -> Path:
-        """The results root."""
+        """Results root."""
         return self.folder / "root"
 
     def ask(self, *requests: str) -> None:
-        """Let the first process that comes to each place do what the request says."""
+        """Request faults, each from the first process that reaches its place in the code."""
         for request in requests:
             (self.requests / request).touch()
 
     def withdraw(self, *requests: str) -> None:
-        """End what lasts as long as it is asked for."""
+        """Withdraw requests of lasting faults."""
         for request in requests:
             (self.requests / request).unlink()
 
     def pending(self, *requests: str) -> bool:
-        """Tell whether some of these have not been done yet."""
+        """Return True if a request has not been served yet."""
         return any((self.requests / request).exists() for request in requests)
 
     @property
     def requests(self) -> Path:
-        """The folder of requests."""
+        """Folder of requests."""
         return Path(self.environment["TMA_SABOTAGE"])
 
     def hold(self, *flags: str) -> subprocess.Popen[bytes]:
-        """Start a driver whose runs hardly go on until `go_on`."""
+        """Start a driver whose runs are slowed down until `go_on`."""
         self.ask(HOLD)
         return self.start(*flags)
 
     def go_on(self, driver: subprocess.Popen[bytes] | None = None) -> None:
-        """Let the runs go on, under a new driver if there is none, to the end of the campaign."""
+        """Continue the runs to the end of the campaign, under a new driver if there is none."""
         self.withdraw(HOLD)
         self.finish(driver or self.start())
 
     def trained(self, runs: int = 2) -> None:
-        """Wait until so many runs have a checkpoint."""
+        """Wait until `runs` runs have a checkpoint."""
         wait_for(lambda: len(self.newest_checkpoints()) == runs)
 
     def start(self, *flags: str) -> subprocess.Popen[bytes]:
@@ -129,7 +129,7 @@ class Site:
             return subprocess.Popen(command, cwd=HERE, env=self.environment, stdout=log, stderr=log)
 
     def finish(self, driver: subprocess.Popen[bytes], code: int = 0) -> None:
-        """Wait for the end of a driver, and for its exit code."""
+        """Wait for the end of a driver, and check its exit code."""
         try:
             ended = driver.wait(timeout=600)
         finally:
@@ -137,7 +137,7 @@ class Site:
         assert ended == code, (self.folder / "driver.txt").read_text()[-3000:]
 
     def compare(self, name: str, injected: int, undisturbed: dict[str, bytes], faults: list[float]) -> Fault:
-        """Return the difference from the undisturbed campaign, with the time to recover from each fault."""
+        """Return the losses against the undisturbed campaign, and the recovery times."""
         found = data_files(self.root)
         lost = sum(count_rows(data) for data in undisturbed.values()) - sum(map(count_rows, found.values()))
         different = sum(
@@ -151,46 +151,46 @@ class Site:
         return Fault(name, injected, lost, different, recovery)
 
     def fetch(self, store: Store) -> None:
-        """Copy a root from elsewhere to where that of this site is compared."""
+        """Copy a root from another store to the folder of this site."""
         for path in store.files():
             target = self.root / path
             target.parent.mkdir(parents=True, exist_ok=True)
             target.write_bytes(store.read_bytes(path))
 
     def outcomes(self) -> list[str]:
-        """Return how the attempts ended, sorted."""
+        """Return the sorted outcomes of all attempts."""
         return sorted(row["outcome"] for row in rows(self.root, Table.ATTEMPTS))
 
     def taken_up(self, attempt: int) -> bool:
-        """Tell whether an attempt of this number, at whatever run, has written a checkpoint."""
+        """Return True if any run's attempt of this number has written a checkpoint."""
         return any(f"-attempt-{attempt:03d}" in path.parent.name for path in self.checkpoints())
 
     def checkpoints(self) -> list[Path]:
-        """Return the indices of all complete checkpoints."""
+        """Return the index files of all complete checkpoints."""
         return sorted((self.root / "checkpoints").glob("*/*/index.json"))
 
     def newest_checkpoints(self) -> list[Path]:
-        """Return the index of the newest complete checkpoint of each run that has one."""
+        """Return the index file of every run's newest complete checkpoint."""
         return sorted({path.parts[-3]: path for path in self.checkpoints()}.values())
 
     def last_checkpoint(self) -> float:
-        """Return when the newest complete checkpoint was written, s since 1970; 0 before the first."""
+        """Return the time of the newest complete checkpoint, s since 1970; 0 without any."""
         stamps = Store.open(self.uri or self.root).stamps("checkpoints")
         times = [at / 1e9 for path, (at, _) in stamps.items() if path.endswith("/index.json") and at]
         return max(times, default=0.0)
 
     def attempts(self) -> set[tuple[str, str]]:
-        """Return runs and numbers of attempts that have written a checkpoint which is still there."""
+        """Return run and number of the attempts with existing checkpoints."""
         return {(path.parts[-3], path.parts[-2].rpartition("-")[2]) for path in self.checkpoints()}
 
 
 def count_rows(data: bytes) -> int:
-    """Return the rows of an encoded table."""
+    """Return the number of rows of an encoded table."""
     return int(pq.ParquetFile(pa.BufferReader(data)).metadata.num_rows)
 
 
 def wait_for(condition: Callable[[], object], seconds: float = 120.0) -> float:
-    """Wait until `condition` holds; return the time of it, s since 1970."""
+    """Wait until a condition holds; return the time, s since 1970."""
     deadline = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < deadline, "it did not happen in time"
@@ -199,7 +199,7 @@ def wait_for(condition: Callable[[], object], seconds: float = 120.0) -> float:
 
 
 def kill(pid: int) -> None:
-    """Kill a process that may have ended."""
+    """Kill a process, which may have ended already."""
     try:
         os.kill(pid, signal.SIGKILL)
     except ProcessLookupError:
@@ -207,7 +207,7 @@ def kill(pid: int) -> None:
 
 
 def private_environment(place: Path) -> dict[str, str]:
-    """Return the variables of all processes: no file of Ray's is in the user's home, nobody's Ray is met."""
+    """Return environment variables that isolate processes from other clusters and the user's home."""
     requests = place / "requests"
     requests.mkdir()
     kept = {name: value for name, value in os.environ.items() if not name.startswith("RAY_")}
@@ -217,7 +217,7 @@ def private_environment(place: Path) -> dict[str, str]:
         "RAY_AUTH_MODE": "token",
         "RAY_AUTH_TOKEN": secrets.token_hex(32),
         "RAY_USAGE_STATS_ENABLED": "0",
-        "RAY_worker_niceness": "0",  # else drivers and tests starve the workers on few cores
+        "RAY_worker_niceness": "0",  # with the default, drivers and tests starve the workers
         "PYTHONPATH": os.pathsep.join([*map(str, HELPERS), os.environ.get("PYTHONPATH", "")]),
         "TMA_SABOTAGE": str(requests),
     }
@@ -227,7 +227,7 @@ def private_environment(place: Path) -> dict[str, str]:
 def undisturbed_files(
     module: str = "chaos_campaign", name: str = "CAMPAIGN", width: int = 0, seeds: int = 1
 ) -> dict[str, bytes]:
-    """Return the data files of a campaign of a module, run by run in this process, without Ray.
+    """Return the data files of an undisturbed campaign, executed in this process without Ray.
 
     Runs learn alone, or each in an otherwise empty cohort of a width.
     """
@@ -240,7 +240,7 @@ def undisturbed_files(
 
 
 def table(faults: Sequence[Fault]) -> str:
-    """Return what was done, and what came of it."""
+    """Return a table of faults and their losses."""
     lines = ["| fault | injected | rows lost | bytes different | recovery, s |", "|---|---|---|---|---|"]
     for fault in faults:
         known = [f"{value:.1f}" for value in fault.recovery_seconds if not math.isnan(value)]

@@ -1,4 +1,4 @@
-"""A job that fills the object stores of all nodes of a cluster, until its standard input ends.
+"""Ray job that fills the object stores of all nodes, until its standard input ends.
 
 python filled_stores.py ADDRESS
 """

@@ -1,4 +1,4 @@
-"""Ctrl-C at random instants of commands, also while they import: exit code 130, and no traceback.
+"""Ctrl-C at random times of commands, also during imports: exit code 130, and no traceback.
 
 python tests/chaos/interrupts.py                      # 100 commands
 python tests/chaos/interrupts.py --tries 1000 --seed 7
@@ -54,13 +54,13 @@ PATIENCE = 60.0
 
 @dataclass(frozen=True)
 class Try:
-    """An interrupted command.
+    """Interrupted command.
 
     Attributes:
-        command: its words.
-        after: its age when it was interrupted, s.
-        code: its exit code.
-        said: on standard error and output.
+        command: words of the command.
+        after: time of the interrupt after the start, s.
+        code: exit code.
+        said: text on standard error and output.
     """
 
     command: str
@@ -70,30 +70,30 @@ class Try:
 
     @property
     def verdict(self) -> str:
-        """Returns one of `AS_EXPECTED`, or what is wrong."""
+        """One of `AS_EXPECTED`, or the problem."""
         if "Traceback" in self.said:
-            ours = self.said.replace("tma_ray/__init__.py", "")  # whose first line makes Python listen
+            ours = self.said.replace("tma_ray/__init__.py", "")  # where the signal handler is installed
             return "traceback" if "tma_ray/" in ours else "before"
-        if self.code in (130, -signal.SIGINT):  # Python listens not yet, or no longer: shells show 130, too
+        if self.code in (130, -signal.SIGINT):  # killed before or after Python's handler; shells show 130
             return "interrupted"
         return "ended" if self.code == 0 and "watch" not in self.command else f"exit code {self.code}"
 
 
 def tries(count: int, chance: random.Random) -> Iterator[Try]:
-    """Interrupts so many commands."""
+    """Interrupt `count` random commands."""
     with tempfile.TemporaryDirectory() as folder:
         for number in range(count):
             words = chance.choice(COMMANDS).format(root=ROOT, new=f"{folder}/{number}")
-            after = chance.uniform(0, LONGEST) * chance.random()  # most of it is import
+            after = chance.uniform(0, LONGEST) * chance.random()  # mostly during imports
             yield interrupted(words, after, Path(folder))
 
 
 def interrupted(words: str, after: float, folder: Path) -> Try:
-    """Interrupts one command as a terminal does: its whole group of processes."""
+    """Interrupt the process group of a command, as a terminal does."""
     environment = {**os.environ, "PYTHONPATH": str(HOUSE)}
     command = [sys.executable, "-m", "tma_ray.cli"]
     output = folder / "said.txt"
-    # Between fork and exec a child has the handlers of this process, which would swallow the signal.
+    # Between fork and exec, a child has the handlers of this process, which would ignore the signal.
     handler = signal.signal(signal.SIGINT, signal.SIG_DFL)
     with output.open("wb") as said:
         process = subprocess.Popen(
@@ -117,7 +117,7 @@ def interrupted(words: str, after: float, folder: Path) -> Try:
 
 
 def main() -> int:
-    """Interrupts as the command line says; returns the exit code."""
+    """Interrupt the requested number of commands; return the exit code."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--tries", type=int, default=100, help="commands to interrupt (default: 100)")
     parser.add_argument("--seed", type=int, default=0, help="of commands and instants (default: 0)")

@@ -1,4 +1,4 @@
-"""Kinds of fault: how a campaign is disturbed at random instants, again and again, until it is finished."""
+"""Kinds of faults, injected into a campaign repeatedly and at random times until it is finished."""
 
 from __future__ import annotations
 
@@ -42,15 +42,15 @@ SHORT_OUTAGE, LONG_OUTAGE = 2.0, 8.0
 
 @dataclass
 class Scene:
-    """A campaign under attack.
+    """Campaign with injected faults.
 
     Attributes:
-        site: where it runs.
-        nodes: of the cluster; those of a campaign on a Ray of its own are not used.
-        chance: of instants and victims.
-        times: of the faults so far, s since 1970.
-        since: of the last fault or start of a driver, s since 1970.
-        drivers: that were started.
+        site: environment of the campaign.
+        nodes: nodes of the cluster; not used by a campaign that starts Ray.
+        chance: random generator of times and victims.
+        times: times of the faults so far, s since 1970.
+        since: time of the last fault or start of a driver, s since 1970.
+        drivers: drivers that were started.
     """
 
     site: Site
@@ -61,23 +61,23 @@ class Scene:
     drivers: list[subprocess.Popen[bytes]] = field(default_factory=list)
 
     def start(self, *flags: str) -> subprocess.Popen[bytes]:
-        """Start a driver, whose runs hardly go on until `Site.go_on`."""
+        """Start a driver, whose runs are slowed down until `Site.go_on`."""
         self.since = time.time()
         self.drivers.append(self.site.hold(*flags))
         return self.drivers[-1]
 
     def wait(self) -> None:
-        """Wait for a checkpoint after the last fault or start, and then for a random instant."""
+        """Wait for a checkpoint after the last fault or start, and then for a random time."""
         wait_for(lambda: self.site.last_checkpoint() > self.since, LONGEST_START)
         time.sleep(self.chance.uniform(0, LONGEST_WAIT))
 
     def note(self) -> None:
-        """Take down that a fault has been injected."""
+        """Record the time of a fault."""
         self.since = time.time()
         self.times.append(self.since)
 
     def close(self) -> None:
-        """End what an attack that fails has left."""
+        """Kill the drivers that a failed attack leaves."""
         for driver in self.drivers:
             driver.kill()
             driver.wait()
@@ -90,7 +90,7 @@ class Scene:
         wait_for(lambda: not self.nodes.workers("SeedActor"))
 
     def busy_node(self) -> int:
-        """Return a node on which a run is."""
+        """Return a random node with a run."""
 
         def busy() -> list[int]:
             seeds = set(self.nodes.workers("SeedActor"))
@@ -101,7 +101,7 @@ class Scene:
 
 
 def driver_killed(scene: Scene, injections: int) -> None:
-    """The driver is killed; its actors end, and the same command goes on."""
+    """Kill the driver; after the end of its actors, the same command continues the campaign."""
     for _ in range(injections):
         driver = scene.start()
         scene.wait()
@@ -110,7 +110,7 @@ def driver_killed(scene: Scene, injections: int) -> None:
 
 
 def actor_killed(kind: str) -> Kind:
-    """Return the fault that an actor of a kind is killed alone."""
+    """Return a fault: kill a single actor of a kind."""
 
     def disturb(scene: Scene, injections: int) -> None:
         driver = scene.start()
@@ -125,7 +125,7 @@ def actor_killed(kind: str) -> Kind:
 
 
 def learner_disturbed(number: signal.Signals) -> Kind:
-    """Return the fault that the learner of a cohort gets a signal: it dies, or hangs."""
+    """Return a fault: kill or stop the learner of a cohort by a signal."""
 
     def disturb(scene: Scene, injections: int) -> None:
         node = scene.nodes.add(COHORT_CORES)
@@ -142,12 +142,12 @@ def learner_disturbed(number: signal.Signals) -> Kind:
 
 
 def raylet_killed(scene: Scene, injections: int) -> None:
-    """A raylet is killed; its workers go on for a moment."""
+    """Kill a raylet, whose workers go on for a moment."""
     _nodes_disturbed(scene, injections, scene.nodes.kill_raylet)
 
 
 def node_killed(scene: Scene, injections: int) -> None:
-    """All processes of a node are killed."""
+    """Kill all processes of a node."""
     _nodes_disturbed(scene, injections, scene.nodes.kill)
 
 
@@ -165,7 +165,7 @@ def _nodes_disturbed(scene: Scene, injections: int, disturb: Callable[[int], Non
 
 
 def node_frozen(scene: Scene, injections: int) -> None:
-    """A node is frozen and thaws: after a moment, or when its runs have been given away."""
+    """Freeze a node, and thaw it after a moment or after its runs were given to other nodes."""
     driver = scene.start()
     for _ in range(injections):
         scene.wait()
@@ -182,14 +182,14 @@ def node_frozen(scene: Scene, injections: int) -> None:
                 time.sleep(SHORT_FREEZE)
         finally:
             scene.nodes.thaw(frozen)
-        if given_away:  # what was on it ends by itself: its successors hold the runs
+        if given_away:  # its processes end, since other attempts have taken the runs
             wait_for(lambda frozen=frozen: scene.nodes.ended(frozen), LONGEST_START)
             scene.nodes.kill(number)
     scene.site.go_on(driver)
 
 
 def core_killed(name: str) -> Kind:
-    """Return the fault that a core process of the campaign's own Ray is killed."""
+    """Return a fault: kill a core process of a Ray that was started by the campaign."""
 
     def disturb(scene: Scene, injections: int) -> None:
         scene.site = replace(scene.site, address=None)
@@ -210,7 +210,7 @@ def core_killed(name: str) -> Kind:
 
 
 def object_store_full(scene: Scene, injections: int) -> None:
-    """Another job fills the small object stores of all nodes, beyond what they hold."""
+    """Overfill the object stores of all nodes by another job."""
     driver = scene.start()
     for _ in range(injections):
         scene.wait()
@@ -225,7 +225,7 @@ def object_store_full(scene: Scene, injections: int) -> None:
 
 
 def disk_full(scene: Scene, injections: int) -> None:
-    """Nothing can be written until the campaign gives up."""
+    """Fail all writes as on a full disk, until the campaign gives up."""
     for _ in range(injections):
         driver = scene.start("--outage-seconds", "3")
         scene.wait()
@@ -237,7 +237,7 @@ def disk_full(scene: Scene, injections: int) -> None:
 
 
 def root_copied(scene: Scene, injections: int) -> None:
-    """The driver is killed, and the campaign goes on in a copy of its root."""
+    """Kill the driver, and continue the campaign in a copy of its root."""
     for number in range(injections):
         driver = scene.start()
         scene.wait()
@@ -249,7 +249,7 @@ def root_copied(scene: Scene, injections: int) -> None:
 
 
 def checkpoint_damaged(scene: Scene, injections: int) -> None:
-    """The driver is killed, and a file of a newest checkpoint is changed, cut or removed."""
+    """Kill the driver, and change, cut or remove a file of a newest checkpoint."""
     for _ in range(injections):
         driver = scene.start()
         scene.wait()
@@ -265,7 +265,7 @@ def checkpoint_damaged(scene: Scene, injections: int) -> None:
 
 
 def object_storage_silent(scene: Scene, injections: int) -> None:
-    """The S3 server that holds the root does not answer for some seconds."""
+    """Freeze the S3 server of the root for some seconds."""
     with ObjectServer() as server, server.in_environment():
         root = f"s3://{server.bucket}/root"
         environment = {**scene.site.environment, **server.environment}

@@ -1,4 +1,4 @@
-"""Nodes of a cluster on this machine, which come, die, freeze and thaw; in a process of their own.
+"""Cluster on this machine whose nodes can be added, killed, frozen and thawed, in a separate process.
 
 Ray keeps one connection per process, and tests of other folders have theirs.
 """
@@ -30,17 +30,17 @@ OBJECT_STORE_BYTES = 80_000_000
 
 
 class Nodes:
-    """A head node without CPUs, and worker nodes, by number.
+    """Cluster with a head node without CPUs, and worker nodes by number.
 
     Args:
-        environment: of all their processes.
+        environment: environment variables of all processes.
     """
 
     def __init__(self, environment: dict[str, str]) -> None:
         context = multiprocessing.get_context("spawn")
         self._connection, theirs = context.Pipe()
         self._process = context.Process(target=_serve, args=(theirs, environment))
-        with mock.patch.dict(os.environ, environment):  # Ray reads some of it when it is imported
+        with mock.patch.dict(os.environ, environment):  # Ray reads some variables at import
             self._process.start()
         theirs.close()
         self.address: str = self._connection.recv()
@@ -56,7 +56,7 @@ class Nodes:
         self._process.kill()
 
     def add(self, cpus: int = 1) -> int:
-        """Start a worker node with so many CPUs; return its number."""
+        """Start a worker node; return its number."""
         return int(self._ask("add", cpus))
 
     def kill(self, number: int) -> None:
@@ -66,21 +66,21 @@ class Nodes:
         _signal(processes, signal.SIGKILL)
 
     def kill_raylet(self, number: int) -> None:
-        """Kill a node's raylet alone; its workers do not know it yet."""
+        """Kill the raylet of a node, but not its workers."""
         self._ask("kill", number)
 
     def freeze(self, number: int) -> set[int]:
-        """Stop all processes of a node; return them."""
+        """Stop all processes of a node; return their ids."""
         processes = self.processes(number)
         _signal(processes, signal.SIGSTOP)
         return processes
 
     def thaw(self, processes: set[int]) -> None:
-        """Let stopped processes go on."""
+        """Continue stopped processes."""
         _signal(processes, signal.SIGCONT)
 
     def ended(self, processes: set[int]) -> bool:
-        """Tell whether all of some processes have ended.
+        """Return True if all of the processes have ended.
 
         A raylet that nobody waits for stays a zombie, which its workers take for alive.
         """
@@ -93,13 +93,13 @@ class Nodes:
         return {raylet} | descendants(raylet)
 
     def workers(self, kind: str) -> list[int]:
-        """Return the processes of this cluster that are actors of a kind, by what Ray calls them."""
+        """Return the ids of this cluster's actor processes of a kind, by the titles that Ray sets."""
         family = set().union(*map(self.processes, self.living))
         return sorted(pid for pid in family if _title(pid).startswith(f"ray::{kind}"))
 
     @property
     def living(self) -> list[int]:
-        """Numbers of the worker nodes that were not killed."""
+        """Numbers of the live worker nodes."""
         living: list[int] = self._ask("living")
         return living
 
@@ -112,14 +112,14 @@ class Nodes:
 
 
 def descendants(pid: int) -> set[int]:
-    """Return the ids of all processes below `pid`, which may have ended."""
+    """Return the ids of all descendants of a process, none if it has ended."""
     with suppress(psutil.NoSuchProcess):
         return {child.pid for child in psutil.Process(pid).children(recursive=True)}
     return set()
 
 
 def living(processes: set[int]) -> set[int]:
-    """Return those of some processes that have not ended."""
+    """Return the processes that have not ended."""
     found = set()
     for pid in processes:
         try:
@@ -157,7 +157,7 @@ def _serve(connection: Connection, environment: dict[str, str]) -> None:
     while True:
         try:
             name, *arguments = connection.recv()
-        except EOFError:  # whose nodes these are is dead
+        except EOFError:  # the parent process has ended
             name, arguments = "shut_down", []
         try:
             if name == "shut_down":

@@ -1,4 +1,4 @@
-"""A world and a teacher whose module breaks the process that imports it, where and when a test asks for it.
+"""Environment and teacher whose module injects requested faults into the process that imports it.
 
 A test puts a file into the folder of requests; the first process that comes to the place of that name takes
 the file away and does what the name says. Workers and driver import this module, since the campaign names it.
@@ -45,7 +45,7 @@ HOLD = "hold"
 
 
 def asked(request: str) -> bool:
-    """Take a request; one process of all gets it."""
+    """Return True if a fault is requested, and take the request, so that a single process serves it."""
     try:
         (REQUESTS / request).unlink()
     except FileNotFoundError:
@@ -58,13 +58,13 @@ def die() -> None:
 
 
 class Corridor(corridor.Corridor):
-    """The corridor, in which processes die and errors are raised."""
+    """Corridor in which processes are killed and errors raised on request."""
 
     evaluating = False
 
     def __init__(self) -> None:
         super().__init__()
-        student = sys.modules.get("tma_ray.students.sac")  # a driver does without torch
+        student = sys.modules.get("tma_ray.students.sac")  # missing in drivers, which do not import torch
         if student is not None and not hasattr(student.SAC, "mined"):
             student.SAC.mined = True
             student.SAC.observe = _before(student.SAC.observe, _observe)
@@ -81,7 +81,7 @@ class Corridor(corridor.Corridor):
 
 @dataclass
 class Teacher(ALPGMM):
-    """ALP-GMM, likewise."""
+    """ALP-GMM in which processes are killed and errors raised on request."""
 
     def observe(self, episode: Episode) -> None:
         if asked("kill-teacher"):
@@ -139,7 +139,7 @@ def _lay_mines() -> None:
     Evaluation.__call__ = _evaluate(Evaluation.__call__)
 
 
-# The process of the tests stays as it is; a worker may import the shipped copy beside the one on its path.
+# Not in the process of the tests; only once, since a worker may import two copies of this module.
 if REQUESTS.is_dir() and not hasattr(Store, "mined"):
     Store.mined = True
     _lay_mines()

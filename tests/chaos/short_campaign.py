@@ -1,4 +1,4 @@
-"""What the fast suite disturbs: one short run, with a replay buffer and a teacher that learns."""
+"""Campaign of the fast chaos tests: one short run with a replay buffer and an adaptive teacher."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A small results root for commands that read one."""
+"""Fixtures: a small results root for commands, and known speeds."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ TEACHERS = ("random", "alp_gmm", "alp_gmm:fit_every=20")
 
 @pytest.fixture
 def known_speeds(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Stands for a measurement of seconds."""
+    """Replaces a measurement of speeds that takes seconds."""
     monkeypatch.setattr(costs, "known_speeds", lambda kinds, *_: dict.fromkeys(kinds, MEASURED))
 
 
 @pytest.fixture(scope="session")
 def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Run of two teachers, and of one of them with another hyper-parameter."""
+    """Results root with runs of two teachers, and of one with another hyper-parameter."""
     folder = tmp_path_factory.mktemp("command_line")
     tests = folder / "one.csv"
     tests.write_text("stump_height,obstacle_spacing\n0,6\n1.5,3\n")

@@ -1,4 +1,4 @@
-"""Mistakes on the command line, drawn from the parser: one for each option, and each way of being wrong."""
+"""Mistakes on the command line, generated from the parser: every option with every kind of wrong value."""
 
 from __future__ import annotations
 
@@ -174,12 +174,12 @@ VALID: Mapping[str, str] = {
 
 @dataclass(frozen=True)
 class Mistake:
-    """A command line with one mistake.
+    """Command line with one mistake.
 
     Attributes:
-        words: of the command line.
-        named: a refusal has to name one of these.
-        kind: of the value that is mistaken, or what else is.
+        words: words of the command line.
+        named: texts of which the error message has to contain one.
+        kind: kind of the wrong value, or of another mistake.
     """
 
     words: tuple[str, ...]
@@ -188,7 +188,7 @@ class Mistake:
 
 
 def mistakes() -> Iterator[Mistake]:
-    """Yield every mistake: values of each option of each command, and options that are none."""
+    """Yield all mistakes: wrong values of all options of all commands, and unknown options."""
     for path, _ in commands():
         rest = valid_rest(path, None)
         yield Mistake((*path, *rest, "--no-such-option"), ("--no-such-option",), "unknown option")
@@ -199,7 +199,7 @@ def mistakes() -> Iterator[Mistake]:
 
 
 def commands() -> Iterator[tuple[tuple[str, ...], App]]:
-    """Yield the words that choose each command, and its command line."""
+    """Yield all commands with the words that select them."""
     for path, app in command_line.commands(cli.app()):
         if app.default_command is not None:
             yield path, app
@@ -207,17 +207,17 @@ def commands() -> Iterator[tuple[tuple[str, ...], App]]:
 
 @cache
 def arguments_of(path: tuple[str, ...]) -> Sequence[Argument]:
-    """Return the arguments and options of a command, which take some 10 ms to be put together."""
+    """Return the arguments and options of a command (cached, since they take 10 ms to build)."""
     return command_line.arguments(dict(commands())[path])
 
 
 def flags(argument: Argument) -> list[str]:
-    """The names of an option, short ones first; none of a position."""
+    """Return the names of an option, short ones first; none for a positional argument."""
     return sorted((name for name in argument.names if name.startswith("-")), key=len)
 
 
 def valid_rest(path: tuple[str, ...], leave: Argument | None) -> list[str]:
-    """The rest of a valid and small command line; the place of `leave`, if it has one, is an empty word."""
+    """Return the other words of a small valid command line, with an empty one for a positional `leave`."""
     words = list(SMALL.get(" ".join(path), ()))
     left = leave.names if leave is not None else ()
     for option in left:
@@ -252,7 +252,7 @@ def _of_option(path: tuple[str, ...], argument: Argument) -> Iterator[Mistake]:
         yield Mistake((*path, *rest, option), (option,), "option without its value")
     for value in _values(path[-1], argument):
         words = (*rest, f"{option}={value}") if option else tuple(word or value for word in rest)
-        if not option and value not in words:  # an optional position at the end
+        if not option and value not in words:  # an optional positional argument at the end
             words = (*words, value)
         kind = str(argument.parameter.metavar or "choice")
         yield Mistake((*path, *words), _names(argument, value), kind)
@@ -266,7 +266,7 @@ def _values(command: str, argument: Argument) -> Sequence[str]:
     name = chosen.removesuffix("s") if several else chosen
     further = () if (command, name) in NOT_READ else BY_OPTION.get(name, ())
     values = (*BY_KIND[kind], *further)
-    # an empty word at a position would be taken for one that is left out by `valid_rest`
+    # an empty positional word means one that `valid_rest` leaves out
     empty_is_valid = chosen in ("embodiments", "embodiment") or not flags(argument)
     return [value for value in values if value.strip() or not empty_is_valid]
 
@@ -278,7 +278,7 @@ def _names(argument: Argument, value: str) -> tuple[str, ...]:
 
 
 def fill(text: str, places: Mapping[str, Any]) -> str:
-    """Return `text` with the places that it names."""
+    """Return `text` with the paths of `places` filled in."""
     for name, place in places.items():
         text = text.replace(f"{{{name}}}", str(place))
     return text

@@ -1,4 +1,4 @@
-"""A test bed of machines on this one, each with a network, processes, a file system and an sshd of its own.
+"""Test bed of virtual machines ("nodes") made of Linux namespaces, with separate networks and sshd.
 
 A node is a set of namespaces. Its root is this machine's, with changes that stay its own (overlays). Its only
 network is one bridge, which lies in namespaces of its own, too: nothing is added to this machine's network,
@@ -46,7 +46,7 @@ SEARCHED = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
 
 
 def missing() -> str | None:
-    """Return what this machine lacks for a bed; None if it has all."""
+    """Return the reason why this machine cannot have a bed, or None."""
     if platform.system() != "Linux" or os.geteuid() != 0:
         return "nodes are namespaces of Linux, which root makes"
     lacking = [each for each in PROGRAMS if shutil.which(each, path=SEARCHED) is None]
@@ -55,12 +55,12 @@ def missing() -> str | None:
 
 @dataclass
 class Node:
-    """A machine of the bed.
+    """Machine of the bed.
 
     Attributes:
         name: host name.
         address: IPv4 address on the bridge.
-        folder: what it has written, on this machine.
+        folder: folder of this machine with the changes of the node's file system.
         public: second address, if it has one.
     """
 
@@ -72,11 +72,11 @@ class Node:
     _init: int = 0
 
     def start(self, switch: int, paths: Sequence[str]) -> None:
-        """Powers the node on, with what it wrote before, and returns when its sshd answers.
+        """Start the node with its earlier changes of files, and wait for its sshd.
 
         Args:
-            switch: first process of the bed's network.
-            paths: folders of this machine that the node sees, see ``node.sh``.
+            switch: id of the first process of the bed's network.
+            paths: folders of this machine that the node mounts; see ``node.sh``.
         """
         self.folder.mkdir(exist_ok=True)
         enter = ["nsenter", f"--target={switch}", "--net", "--mount", "--pid"]
@@ -104,7 +104,7 @@ class Node:
             log.write("Terminated\n")
 
     def start_process(self, command: str, user: str = USER) -> subprocess.Popen[str]:
-        """Start a command of the shell in the user's home; its output and errors are one stream."""
+        """Start a shell command in the user's home; errors go to its standard output."""
         return subprocess.Popen(
             [*self._entering(user), "--command", command],
             env={"PATH": SEARCHED, "TERM": "xterm"}, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
@@ -120,13 +120,13 @@ class Node:
         code: int | None = 0,
         shown: bool = True,
     ) -> str:
-        """Return the output of a command.
+        """Run a shell command, and return its output.
 
         Args:
-            command: of the shell, in the user's home.
-            user: whose command it is.
-            timeout: s.
-            code: exit code that it must have; None for any.
+            command: command, run in the user's home.
+            user: name of the user.
+            timeout: longest time, s.
+            code: required exit code; None for any.
             shown: True to print it with its output and duration, as `pytest -s` and failures show.
         """
         start = time.monotonic()
@@ -145,11 +145,11 @@ class Node:
 
     @property
     def login(self) -> str:
-        """A command of the shell that opens a shell of the node's user, from this machine."""
+        """Shell command of this machine that opens a shell on the node."""
         return shlex.join(self._entering(USER))
 
     def write(self, path: str, text: str) -> None:
-        """Write a file of root's."""
+        """Write a file as root."""
         self.run(f"printf %s {shlex.quote(text)} > {path}", user="root", shown=False)
 
     def _entering(self, user: str) -> list[str]:
@@ -158,10 +158,10 @@ class Node:
 
 
 def wait_until(happened: Callable[[], object], seconds: float) -> None:
-    """Return when something has happened.
+    """Wait until a condition holds.
 
     Raises:
-        AssertionError: it did not within so many seconds.
+        AssertionError: if it does not within `seconds`.
     """
     deadline = time.monotonic() + seconds
     while not happened():
@@ -170,12 +170,12 @@ def wait_until(happened: Callable[[], object], seconds: float) -> None:
 
 
 class Bed:
-    """Nodes on one bridge, with a folder ``/shared`` that all of them see.
+    """Nodes on one network bridge, with a shared folder ``/shared``.
 
     Args:
-        folder: for all that nodes write.
-        names: of the nodes, none of which is on.
-        paths: folders of this machine that nodes see, see ``node.sh``.
+        folder: folder of all changes by nodes.
+        names: names of the nodes, which are off at first.
+        paths: folders of this machine that nodes mount; see ``node.sh``.
     """
 
     def __init__(self, folder: Path, names: Sequence[str], paths: Sequence[str]) -> None:
@@ -203,11 +203,11 @@ class Bed:
         self._switch = first.pid
 
     def on(self, *names: str, paths: Sequence[str] | None = None) -> list[Node]:
-        """Powers nodes on; returns them.
+        """Start nodes; return them.
 
         Args:
             names: names of the nodes.
-            paths: folders of this machine that they see, instead of the bed's.
+            paths: folders of this machine that they mount instead of the bed's.
         """
         nodes = [self.nodes[name] for name in names]
         for node in nodes:
@@ -215,19 +215,19 @@ class Bed:
         return nodes
 
     def add(self, name: str, address: str, public: str) -> Node:
-        """Powers a node on that is new, with two addresses; returns it."""
+        """Add and start a node with two addresses; return it."""
         self.nodes[name] = Node(name, address, self.shared.parent / name, public)
         return self.on(name)[0]
 
     def close(self) -> None:
-        """End all nodes with all that belongs to them."""
+        """Kill all nodes and the network."""
         os.kill(self._switch, signal.SIGKILL)
         self._process.wait(timeout=60)
 
 
 @contextmanager
 def bed_of(*names: str) -> Iterator[Bed]:
-    """A bed whose nodes have this checkout and its virtual environment, with changes of their own."""
+    """Context manager with a bed whose nodes have copies of this checkout and its virtual environment."""
     folder = Path(tempfile.mkdtemp(prefix="clusters-", dir="/var/tmp"))
     KERNELS.mkdir(exist_ok=True)
     KERNELS.chmod(0o1777)
@@ -241,10 +241,10 @@ def bed_of(*names: str) -> Iterator[Bed]:
 
 
 def main(names: Sequence[str]) -> None:
-    """Make the nodes that are named, tell how to enter them, and take them away again.
+    """Start the named nodes, print the commands that open shells on them, and stop them after Enter.
 
     Raises:
-        SystemExit: this machine lacks something.
+        SystemExit: if this machine cannot have a bed.
     """
     reason = missing()
     if reason or not names:

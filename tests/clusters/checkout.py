@@ -1,4 +1,4 @@
-"""A checkout with its virtual environment on the machines of a bed."""
+"""Checkout with its virtual environment on the nodes of a bed."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ CAMPAIGN = f"experiments/quickstart.py {FLAGS}"
 
 
 def locked_packages(python: str) -> Path:
-    """Return a folder with the packages of both lock files for a Python, torch as the CPU build."""
+    """Download the packages of both lock files for a Python version (torch for CPUs); return the folder."""
     (index,) = set(re.findall(r"--index-url \S+", (REPOSITORY / "cluster-local.yaml").read_text()))
     download = [sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "--only-binary=:all:",
                 f"--python-version={python}", f"--dest={WHEELS}"]  # fmt: skip
@@ -39,7 +39,7 @@ def locked_packages(python: str) -> Path:
 
 
 def copy_checkout(folder: Path, wheel: Path) -> None:
-    """Fill a folder with what clusters need of a checkout in which the wheel was built."""
+    """Copy the files of a checkout that clusters need, with a built wheel, to a folder."""
     (folder / "dist").mkdir(parents=True)
     shutil.copy(wheel, folder / "dist")
     for name in ("cluster.lock", "torch.lock"):
@@ -49,7 +49,7 @@ def copy_checkout(folder: Path, wheel: Path) -> None:
 
 
 def lend_environment(node: Node) -> None:
-    """Let the node's user change the virtual environment, as its own, and find it in ``~/venv``.
+    """Give the node's user write access to the virtual environment, and a link to it, ``~/venv``.
 
     What the cluster's files install is there, in the same versions: no package index is needed. Kernels are
     compiled once for all beds.
@@ -63,7 +63,7 @@ def lend_environment(node: Node) -> None:
 
 
 def tables(root: str | Path) -> dict[str, str]:
-    """Return the tables of a root, a folder or a URI, without that of attempts, which has hosts and times.
+    """Return the tables of a root except that of attempts, which has hosts and times.
 
     Returns:
         the SHA-256 of each canonical data file, and the sorted rows of `Table.RUNS` and `Table.CELLS`.

@@ -1,4 +1,4 @@
-"""A bed's machines for the tests of this folder, which only root on Linux can have."""
+"""Marks and fixtures of tests on a bed, which need root on Linux."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ FOLDER = Path(__file__).parent
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark all tests of this folder, and skip them where no bed can be made."""
+    """Mark all tests of this folder, and skip them if this machine cannot have a bed."""
     reason = missing()
     for item in items:
         if FOLDER in item.path.parents:
@@ -24,7 +24,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture(scope="session")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The wheel of this checkout."""
+    """Wheel built from this checkout."""
     folder = tmp_path_factory.mktemp("dist")
     build = [sys.executable, "-m", "build", "--wheel", "--outdir", str(folder), str(REPOSITORY)]
     subprocess.run(build, check=True, stdout=subprocess.DEVNULL)

@@ -1,4 +1,4 @@
-"""Machines of a bed for the instances that somebody starts at a server which answers as AWS."""
+"""Nodes of a bed for the instances that a launcher starts on a mock server of AWS."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ while True:
 
 
 class Instances:
-    """Starts a node for each new instance, with its addresses, and powers those off that were terminated.
+    """Watcher that starts a node for every new instance, and stops the nodes of terminated ones.
 
     Args:
-        bed: of the nodes.
+        bed: bed of the nodes.
         laptop: node with the key that the launcher made.
-        store: server of AWS.
+        store: mock server of AWS.
 
     Attributes:
-        seen: what the server last said of each instance, by its id.
+        seen: latest description of each instance by id.
     """
 
     def __init__(self, bed: Bed, laptop: Node, store: ObjectStore) -> None:
@@ -45,12 +45,12 @@ class Instances:
         self._thread.start()
 
     def close(self) -> None:
-        """End the watch; nodes stay as they are."""
+        """Stop watching; nodes keep running."""
         self._process.kill()
         self._process.wait()
 
     def of_kind(self, kind: str) -> list[dict[str, Any]]:
-        """Return the instances that the launcher has tagged as "head" or "worker"."""
+        """Return the instances with the launcher's tag "head" or "worker"."""
         return [each for each in self.seen.values() if tags(each).get("ray-node-type") == kind]
 
     def _watch(self) -> None:
@@ -70,7 +70,7 @@ class Instances:
         )
         lend_environment(node)
         self._store.make_known(node)
-        # Without a network there is nothing to fetch, and what is asked for is there.
+        # There is no network, and all packages are installed already.
         node.write("/usr/local/bin/apt-get", "#!/bin/sh\n")
         node.run("chmod 755 /usr/local/bin/apt-get", user="root")
         public = self._laptop.run("for key in ~/.ssh/*.pem; do ssh-keygen -y -f $key; done")

@@ -1,4 +1,4 @@
-"""The machine from which Ray's cluster launcher is called."""
+"""Machine of a user who calls Ray's cluster launcher."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ ACTIVE = f"export PATH={VENV}/bin:$PATH RAY_AUTH_MODE=token RAY_USAGE_STATS_ENAB
 
 
 class Laptop:
-    """The machine of somebody who has a checkout, with its wheel built, and a key for all nodes.
+    """Machine of a user with a checkout, a built wheel, and a key for all nodes.
 
     Args:
-        node: of a bed, which is on.
-        wheel: of the checkout.
+        node: running node of a bed.
+        wheel: wheel of the checkout.
     """
 
     def __init__(self, node: Node, wheel: Path) -> None:
@@ -36,7 +36,7 @@ class Laptop:
         (self._checkout / name).write_text(text)
 
     def up(self, head: Node, workers: Sequence[Node]) -> None:
-        """Fill `FILE` in, call `ray up`, and return when all machines have joined."""
+        """Fill in `FILE`, call `ray up`, and wait until all nodes have joined."""
         text = (REPOSITORY / FILE).read_text()
         addresses = ", ".join(worker.address for worker in workers)
         for line, filled in {
@@ -51,7 +51,7 @@ class Laptop:
         self.wait_for_workers(len(workers))
 
     def wait_for_workers(self, count: int) -> None:
-        """Return when the head and so many more nodes are there."""
+        """Wait until the head and `count` workers have joined."""
 
         def nodes() -> int:
             there, _, _ = self.run(f"ray exec {FILE} 'ray status'", shown=False).partition("Pending:")
@@ -65,5 +65,5 @@ class Laptop:
         return self._node.start_process(ACTIVE + command)
 
     def run(self, command: str, *, timeout: float = 1800, code: int | None = 0, shown: bool = True) -> str:
-        """Run a command in the checkout, whose virtual environment is active; see `Node.run`."""
+        """Run a command in the checkout with its virtual environment; see `Node.run`."""
         return self._node.run(ACTIVE + command, timeout=timeout, code=code, shown=shown)

@@ -1,4 +1,4 @@
-"""An object store on a machine of a bed: moto's server, with one bucket."""
+"""Object store on a node of a bed: moto's server with one bucket."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ print(json.dumps(tables(sys.argv[1])))
 
 
 class ObjectStore:
-    """A server of S3, and of AWS's other services, as moto has them.
+    """Mock server of S3 and other services of AWS, by moto.
 
     Args:
-        bed: where it is.
-        name: of its node.
+        bed: bed of the node.
+        name: name of the node.
     """
 
     def __init__(self, bed: Bed, name: str) -> None:
@@ -38,12 +38,12 @@ class ObjectStore:
         }
 
     def make_known(self, node: Node) -> None:
-        """Give a node's programs the way to the store."""
+        """Set the environment variables of the store on a node."""
         lines = "".join(f"export {name}={value}\n" for name, value in self.variables.items())
         node.write("/etc/profile.d/store.sh", lines)
 
     def start(self) -> None:
-        """Start the server on its node, and make the bucket."""
+        """Start the server on its node, and create the bucket."""
         self._node.run(
             f"nohup {VENV}/bin/moto_server -H 0.0.0.0 -p {PORT} > moto.log 2>&1 & "
             f"until (exec 3<>/dev/tcp/127.0.0.1/{PORT}) 2>/dev/null; do sleep 0.5; done; "
@@ -51,7 +51,7 @@ class ObjectStore:
         )
 
     def tables(self, root: str) -> dict[str, str]:
-        """Return the tables of a root in the bucket, see `checkout.tables`."""
+        """Return the tables of a root in the bucket; see `checkout.tables`."""
         self._node.write("/tmp/read.py", READ)
         output = self._node.run(f"{VENV}/bin/python /tmp/read.py s3://{BUCKET}/{root}")
         found: dict[str, str] = json.loads(output.splitlines()[-1])

@@ -1,4 +1,4 @@
-"""Slurm on the machines of a bed, with its own daemons on each, and a checkout that all of them see."""
+"""Slurm on the nodes of a bed, with separate daemons and a shared checkout."""
 
 from __future__ import annotations
 
@@ -41,20 +41,20 @@ CHECKOUT = "/shared/checkout"
 
 
 def missing_daemons() -> str | None:
-    """Return what this machine lacks for Slurm; None if it has all."""
+    """Return the reason why this machine cannot run Slurm, or None."""
     lacking = [each for each in DAEMONS if shutil.which(each, path=SEARCHED) is None]
     return f"needs {', '.join(lacking)} (Debian's slurm-wlm and munge)" if lacking else None
 
 
 class Slurm:
-    """A cluster of all nodes of a bed, the first of which controls it.
+    """Slurm cluster of all nodes of a bed, with the first as its controller.
 
     Args:
-        bed: whose nodes are off.
-        wheel: of the checkout.
+        bed: bed with all nodes off.
+        wheel: wheel of the checkout.
 
     Attributes:
-        shared: folder that all nodes see, on this machine.
+        shared: shared folder of all nodes, on this machine.
         nodes: all nodes.
     """
 
@@ -71,7 +71,7 @@ class Slurm:
             node.write("/etc/slurm/slurm.conf", text)
             node.run("install -d -o munge -g munge /run/munge && runuser -u munge munged", user="root")
             node.write("/etc/slurm/cgroup.conf", "CgroupPlugin=cgroup/v1\n")
-            node.run("mount -t tmpfs tmpfs /sys/fs/cgroup", user="root")  # looked for, not used
+            node.run("mount -t tmpfs tmpfs /sys/fs/cgroup", user="root")  # required by Slurm, but not used
             node.run("mkdir -p /var/spool/slurmctld /var/spool/slurmd /var/log/slurm", user="root")
         self._head = bed.nodes[names[0]]
         self._head.run(f"chown -R {USER}: {CHECKOUT} && slurmctld", user="root")
@@ -85,17 +85,17 @@ class Slurm:
         return self._head.run(f"cd {CHECKOUT}; {command}", code=code)
 
     def submit(self, arguments: str) -> int:
-        """Submits the batch script that ships; returns the number of the job."""
+        """Submit the shipped batch script; return the number of the job."""
         return int(self.run(f"sbatch --parsable {arguments}"))
 
     def state(self, job: int) -> str:
-        """Return the state of a job, and its exit code, such as "COMPLETED 0:0"."""
+        """Return the state and exit code of a job, such as "COMPLETED 0:0"."""
         shown = self._head.run(f"scontrol show job {job}", shown=False)
         found = {key: re.search(rf"\b{key}=(\S+)", shown) for key in ("JobState", "ExitCode")}
         return " ".join(match[1] for match in found.values() if match)
 
     def minutes(self, job: int) -> int:
-        """Return how many whole minutes the present life of a job has lasted."""
+        """Return the whole minutes since the last start of a job."""
         shown = self._head.run(f"squeue --noheader --jobs={job} --format=%M", shown=False)
         *hours, minutes, _ = map(int, shown.strip().split(":"))
         return sum(hours) * 60 + minutes
@@ -105,16 +105,16 @@ class Slurm:
         self._head.run(f"scontrol update JobId={job} TimeLimit={minutes}", user="root")
 
     def restarts(self, job: int) -> int:
-        """Return how often a job was queued again."""
+        """Return the number of times that a job was requeued."""
         found = re.search(r"\bRestarts=(\d+)", self._head.run(f"scontrol show job {job}", shown=False))
         return int(found[1]) if found else 0
 
     def log(self, job: int) -> str:
-        """Return what a job has printed, in all of its lives."""
+        """Return the output of a job since its first start."""
         path = self.shared / "checkout" / f"tma-ray-{job}.log"
         return path.read_text() if path.exists() else ""
 
     def ended(self, job: int, seconds: float = 1800) -> str:
-        """Return the state of a job when it has ended for good."""
+        """Wait for the end of a job; return its state."""
         wait_until(lambda: not re.match("PENDING|RUNNING|COMPLETING|REQUEUE", self.state(job)), seconds)
         return self.state(job)

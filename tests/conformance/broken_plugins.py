@@ -1,4 +1,4 @@
-"""An environment, each of whose options breaks one promise, and a student whose settings do."""
+"""Environment and student that break one requirement of plug-ins each, selected by `fault`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from swing_up import SwingUp
 
 
 class BrokenSwingUp(SwingUp):
-    """A pendulum that breaks the promise named by `fault`."""
+    """Pendulum that breaks the requirement named by `fault`."""
 
     def __init__(self, fault: str = "") -> None:
         super().__init__()
@@ -45,7 +45,7 @@ class BrokenSwingUp(SwingUp):
 
 @dataclass(frozen=True)
 class Settings:
-    """Of the broken student."""
+    """Hyper-parameters of the broken student."""
 
     gamma: float = 0.99
     spread: float = 0.1
@@ -53,7 +53,7 @@ class Settings:
 
 
 class BrokenClimber(HillClimber):
-    """A hill climber that breaks the promise named by `fault`."""
+    """Hill climber that breaks the requirement named by `fault`."""
 
     hyperparameters_type = Settings
 

@@ -1,4 +1,4 @@
-"""An environment of somebody else, short and cheap, whose mass and length a curriculum sets."""
+"""Short and fast third-party environment, with mass and length set by a curriculum."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def act(observations: np.ndarray) -> np.ndarray:
 
 
 def functions() -> dict[str, object]:
-    """All that a teacher may need of a loop."""
+    """Return all functions that a teacher may need from a training loop."""
     evaluate = TaskEvaluation(make_pendulum, act, SPACE, MASTERY_RETURN, apply=set_task)
     return {"values": values, "act": act, "evaluate": evaluate}
 

@@ -1,4 +1,4 @@
-"""What the pages of the documentation show: their code blocks, and the commands within sentences."""
+"""Code blocks and inline commands in the pages of the documentation."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ IN_A_FILE = re.compile(r"[Ii]n a\s+file\s+`([\w./]+)`[^\n]*\n\s*$")
 
 @dataclass(frozen=True)
 class Block:
-    """One fenced block.
+    """Fenced code block.
 
     Attributes:
-        page: its page, from the root of the repository.
-        line: of the page at which it begins.
-        language: as the fence says.
-        text: what it holds; of another file if it shows one.
-        file: what the sentence before it calls the file that it is, if it does.
+        page: path of its page from the root of the repository.
+        line: number of its first line in the page.
+        language: language in the fence.
+        text: content, or that of the file that it shows.
+        file: file name in the sentence before it, if any.
     """
 
     page: str
@@ -54,17 +54,17 @@ class Block:
 
     @property
     def place(self) -> str:
-        """Where to find it."""
+        """Page and line of the block."""
         return f"{self.page}:{self.line}"
 
 
 def without_generated(text: str, kept: Callable[[str], bool]) -> str:
-    """Return a page's text with empty lines in place of generated parts whose names are not kept."""
+    """Replace the generated parts of a page by empty lines, except those that `kept` accepts."""
     return PART.sub(lambda part: part[0] if kept(part["name"]) else "\n" * part[0].count("\n"), text)
 
 
 def written_by_hand(page: str) -> str:
-    """Return the text of a page without generated parts but for the files that it shows."""
+    """Return the text of a page without generated parts, except the files that it shows."""
     return without_generated((ROOT / page).read_text(), lambda name: name.startswith(FILE))
 
 
@@ -83,7 +83,7 @@ def blocks_of(page: str) -> list[Block]:
 
 
 def inline_commands(page: str) -> list[str]:
-    """Return the commands with arguments that stand within the sentences and tables of a page."""
+    """Return the commands with arguments in sentences and tables of a page."""
     prose = FENCE.sub("", written_by_hand(page))
     return [re.sub(r"\s+", " ", command) for command in INLINE.findall(prose)]
 

@@ -1,4 +1,4 @@
-"""Runs the commands of a page: each by the program that it names, at a size that a test can afford."""
+"""Execution of the commands in pages, at a small size."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ REDIRECTION = re.compile(r"\s\d?>\s*[^\s;&|)]+")
 
 
 def simple_commands(line: str) -> Iterator[list[str]]:
-    """Yield the words of each command of a line of the shell."""
+    """Yield the words of every command in a line of shell code."""
     words = shlex.shlex(REDIRECTION.sub("", line), posix=True, punctuation_chars="();&|")
     words.whitespace_split = True
     command: list[str] = []
@@ -58,10 +58,10 @@ def simple_commands(line: str) -> Iterator[list[str]]:
 
 
 def execute(words: Sequence[str]) -> int:
-    """Run one command in the present folder; return its exit code.
+    """Run a command in the working directory; return its exit code.
 
     Raises:
-        LookupError: no way to run it is known.
+        LookupError: if the program is unknown.
     """
     words = list(words)
     while words and re.fullmatch(r"[A-Z_]+=\S*", words[0]):
@@ -77,14 +77,14 @@ def understood(words: Sequence[str]) -> None:
     """Check a command without running it: its program, its flags, its files.
 
     Raises:
-        Exception: what the program's own parser raises of what it does not know.
+        Exception: if the parser of the program refuses the command.
     """
     words = [word for word in words if not re.fullmatch(r"[A-Z_]+=\S*", word)]
     program, *arguments = words
     if words[:3] == ["python", "-m", "tma_ray"]:
         program, arguments = "tma-ray", arguments[2:]
     if program == "tma-ray":
-        if len(arguments) < 2:  # names a command
+        if len(arguments) < 2:  # a command alone
             assert not arguments or arguments[0] in cli.app(), arguments
         else:
             read(cli.app(), arguments)
@@ -93,7 +93,7 @@ def understood(words: Sequence[str]) -> None:
     elif program == "make":
         PROGRAMS["make"](arguments)
     elif program == "ray":
-        with suppress(click.MissingParameter):  # a sentence leaves out what does not matter to it
+        with suppress(click.MissingParameter):  # sentences may omit required arguments
             _ray(arguments)
     elif program == "pip":
         _pip(arguments)
@@ -126,7 +126,7 @@ def _sbatch(arguments: list[str]) -> int:
 
 
 def _pip(arguments: list[str]) -> int:
-    """Check what would be installed against the versions that the project is tested with."""
+    """Check the packages of `pip install` against the tested versions."""
     command, *packages = [word for word in arguments if not word.startswith("-")]
     assert command == "install", command
     tested = locked() | {"tma_ray": version("tma_ray")}
@@ -142,7 +142,7 @@ def _run(*words: str) -> int:
 
 
 def _ray(arguments: list[str]) -> int:
-    """Parse by Ray's own parser, and go no further."""
+    """Parse a `ray` command without running it."""
     from ray.scripts.scripts import cli as commands
 
     command: click.Command = commands

@@ -1,4 +1,4 @@
-"""A folder with what pages assume to be there."""
+"""Fixtures: a folder with the files that pages assume."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ LINKED = ("experiments", "docs", "cluster.yaml")
 
 @pytest.fixture(scope="session")
 def documented(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A results root with two teachers' runs."""
+    """Folder with a results root of two teachers."""
     folder = tmp_path_factory.mktemp("documentation")
     (folder / "one.csv").write_text("stump_height,obstacle_spacing\n0,6\n1.5,3\n")
     small = [*TINY[:-1], str(folder / "one.csv"), "--probe-interval", "100", "--training-window", "100"]
@@ -34,7 +34,7 @@ def documented(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def place(documented: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with what pages assume: results, a test set, the examples, and the checkout's files."""
+    """Working directory with the files that pages assume: results, a test set, examples, checkout."""
     shutil.copytree(documented, tmp_path, dirs_exist_ok=True)
     for folder in (tmp_path, tmp_path / "examples"):
         shutil.copytree(ROOT / "examples", folder, dirs_exist_ok=True)

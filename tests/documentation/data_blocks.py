@@ -1,4 +1,4 @@
-"""Checks blocks that hold data against what they configure."""
+"""Checks of code blocks with data, by language."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ REGISTRIES: dict[str, Registry] = {
 
 
 def check_toml(text: str, folder: Path) -> None:
-    """A body that loads, or entry points that, once installed, are names."""
+    """Check a body, or entry points of plug-ins."""
     content = tomllib.loads(text)
     if "parts" in content:
         path = folder / "shown.toml"
@@ -42,21 +42,21 @@ def check_toml(text: str, folder: Path) -> None:
 
 
 def check_csv(text: str, folder: Path) -> None:
-    """A test set."""
+    """Check a test set."""
     path = folder / "shown.csv"
     path.write_text(text)
     assert len(TestSet.from_csv(path).tasks) == len(text.splitlines()) - 1
 
 
 def check_yaml(text: str, folder: Path) -> None:
-    """Configuration of a cluster, as cluster.yaml."""
+    """Check the configuration of a cluster, such as cluster.yaml."""
     from ray.autoscaler._private.util import prepare_config, validate_config
 
     validate_config(prepare_config(yaml.safe_load(text)))
 
 
 def check_console(text: str, folder: Path) -> None:
-    """A transcript, whose commands there are."""
+    """Check the commands of a transcript."""
     typed = [line[2:].split() for line in text.splitlines() if line.startswith("$ ")]
     assert typed
     for words in typed:

@@ -1,4 +1,4 @@
-"""What is changed of the pages before it is run, and what is not run at all: each with its reason."""
+"""Changes to the code of pages before it is run, and code that is not run, with reasons."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 
 class Change(NamedTuple):
-    """Text of the code of some pages, and what stands for it when it is run."""
+    """Text in the code of pages, and its replacement before it is run."""
 
     pages: str
     found: str
@@ -16,7 +16,7 @@ class Change(NamedTuple):
 
 
 class Exemption(NamedTuple):
-    """A command or block that is not run, by its beginning."""
+    """Command or block that is not run, given its beginning."""
 
     pages: str
     beginning: str
@@ -24,7 +24,7 @@ class Exemption(NamedTuple):
 
 
 class Ending(NamedTuple):
-    """A command, by its beginning, that ends with another exit code than 0."""
+    """Command with an exit code other than 0, given its beginning."""
 
     pages: str
     beginning: str
@@ -109,7 +109,7 @@ ENDINGS = (
 
 
 def changed(page: str, text: str, **values: str) -> str:
-    """Return code of `page` as it is run; `values` are names of what there is."""
+    """Return the code of a page with its `CHANGES`; `values` fill in placeholders."""
     for change in CHANGES:
         if fnmatch(page, change.pages):
             text = text.replace(change.found, change.instead.format(**values))
@@ -117,12 +117,12 @@ def changed(page: str, text: str, **values: str) -> str:
 
 
 def exempt(page: str, text: str) -> bool:
-    """Tell whether a command or block is not run."""
+    """Return True if a command or block is not run."""
     return any(fnmatch(page, each.pages) and text.startswith(each.beginning) for each in EXEMPTIONS)
 
 
 def exit_code(page: str, command: str) -> int:
-    """Return the exit code that a command must have."""
+    """Return the expected exit code of a command."""
     return next(
         (each.code for each in ENDINGS if fnmatch(page, each.pages) and command.startswith(each.beginning)), 0
     )

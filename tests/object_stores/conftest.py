@@ -1,4 +1,4 @@
-"""A proxy that disturbs requests."""
+"""Fixture of a proxy that disturbs requests."""
 
 from collections.abc import Iterator
 
@@ -8,7 +8,7 @@ from s3_proxy import Proxy
 
 @pytest.fixture
 def proxy(s3_environment: str, monkeypatch: pytest.MonkeyPatch) -> Iterator[Proxy]:
-    """Stands between this process and the server."""
+    """Proxy between this process and the S3 server."""
     with Proxy(s3_environment) as standing:
         monkeypatch.setenv("AWS_ENDPOINT_URL", standing.url)
         yield standing

@@ -1,4 +1,4 @@
-"""A server of this machine that answers as Hugging Face's hub does when a data set is read or written."""
+"""Mock server of Hugging Face's hub, for reading and writing data sets."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from urllib.parse import parse_qs, unquote, urlsplit
 
 
 class Hub(ThreadingHTTPServer):
-    """Data sets in memory.
+    """Mock hub with data sets in memory.
 
     Attributes:
-        repositories: of each data set, as ``user/name``, its files by path.
+        repositories: files of data sets by name (``user/name``) and path.
     """
 
     def __init__(self) -> None:
@@ -26,13 +26,13 @@ class Hub(ThreadingHTTPServer):
 
     @property
     def address(self) -> str:
-        """What ``HF_ENDPOINT`` names."""
+        """Address for ``HF_ENDPOINT``."""
         return f"http://127.0.0.1:{self.server_port}"
 
 
 @contextmanager
 def served() -> Iterator[Hub]:
-    """Run a hub for the time of the block."""
+    """Context manager with a running hub."""
     with Hub() as hub:
         threading.Thread(target=hub.serve_forever, daemon=True).start()
         yield hub
@@ -99,7 +99,7 @@ class _Answers(BaseHTTPRequestHandler):
             )
 
     def _files(self, repository: str) -> dict[str, bytes] | None:
-        """Return the files of a data set; refuse as the hub does where there is none."""
+        """Return the files of a data set, or send an error and return None if it is missing."""
         found = self.server.repositories.get(repository)
         if found is None:
             self._send(401, b'{"error":"Invalid username or password."}', {"X-Error-Code": "RepoNotFound"})
@@ -143,7 +143,7 @@ class _Answers(BaseHTTPRequestHandler):
 
 
 def _entries(files: dict[str, bytes], path: str) -> list[dict[str, Any]]:
-    """Return what the hub says of a file or a folder; nothing of what is not there."""
+    """Return the hub's entry of a file or folder, as a list, which is empty if it is missing."""
     if path in files:
         return [
             {"type": "file", "path": path, "size": len(files[path]), "oid": sha1(files[path]).hexdigest()}

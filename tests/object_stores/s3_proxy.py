@@ -1,4 +1,4 @@
-"""A proxy before an S3 server that counts requests and refuses some of them."""
+"""Proxy of an S3 server that records requests and refuses some of them."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ _HOP_BY_HOP = ("connection", "transfer-encoding", "content-length", "server", "d
 
 
 class Proxy:
-    """Passes requests to `target` on a port of its own.
+    """Proxy on a free port that forwards requests to `target`.
 
     Args:
         target: URL of the S3 server.
 
     Attributes:
-        seen: method and path with its query of every request, in order.
-        refuse: tells of a method and path whether to answer with `refusal`.
-        refusal: status and body, 503 SlowDown at first.
-        drop: tells of a method and path whether to close the connection without an answer.
+        seen: method and path (with query) of all requests, in order.
+        refuse: function of method and path; True for requests to refuse with `refusal`.
+        refusal: status and body, by default 503 SlowDown.
+        drop: function of method and path; True to close the connection without an answer.
     """
 
     def __init__(self, target: str) -> None:
@@ -47,11 +47,11 @@ class Proxy:
         self._server.server_close()
 
     def kinds(self) -> Counter[str]:
-        """How many requests of each method were seen."""
+        """Return the number of requests by method."""
         return Counter(method for method, _ in self.seen)
 
     def judge(self, method: str, path: str) -> tuple[bool, bool]:
-        """Note a request; return whether to refuse it and whether to drop it."""
+        """Record a request; return the results of `refuse` and `drop`."""
         with self._lock:
             self.seen.append((method, path))
             return self.refuse(method, path), self.drop(method, path)

@@ -1,4 +1,4 @@
-"""The bodies under the protocols by which the original release was measured.
+"""Bodies under the protocols with which the original release was measured.
 
 ``python tests/physics/behaviour.py`` prints the tables of docs/fidelity.md.
 """
@@ -28,7 +28,7 @@ BEHAVIOUR = Path(__file__).parents[1] / "reference" / "behaviour.csv"
 
 
 class Statistics(NamedTuple):
-    """Statistics of one figure over `n` repetitions; the standard deviation is the population's."""
+    """Statistics of a quantity over `n` repetitions; `std` is the population's."""
 
     n: int
     mean: float
@@ -36,10 +36,10 @@ class Statistics(NamedTuple):
 
 
 def measured(protocol: str, environment: str, embodiment: str, case: str = "") -> dict[str, Statistics]:
-    """Return the release's statistics of one body under one protocol, by figure.
+    """Return the release's statistics of one body under one protocol, by quantity.
 
     Raises:
-        KeyError: nothing of the kind was measured.
+        KeyError: if the release was not measured under these conditions.
     """
     return _behaviour()[protocol, environment, embodiment, case]
 
@@ -59,13 +59,13 @@ Floats = NDArray[np.float64]
 
 
 def world_points(pose: Floats, points: Floats) -> Floats:
-    """Return `points` (n, 2) of a frame at `pose` (x, y, angle, ...) in world axes."""
+    """Return `points` (n, 2) in world coordinates, given the `pose` (x, y, angle, ...) of their frame."""
     sine, cosine = np.sin(pose[2]), np.cos(pose[2])
     return pose[:2] + points @ np.array([[cosine, sine], [-sine, cosine]])
 
 
 def joint_drift(state: Floats, body: BodyArrays) -> Floats:
-    """Return how far each joint's two anchors are apart (j,), in m."""
+    """Return the distances (j,) between the two anchors of joints, in m."""
     return np.array(
         [
             np.linalg.norm(world_points(state[a], pair[:1]) - world_points(state[b], pair[1:]))
@@ -75,14 +75,14 @@ def joint_drift(state: Floats, body: BodyArrays) -> Floats:
 
 
 def limit_overshoot(state: Floats, body: BodyArrays) -> Floats:
-    """Return how far each joint is outside its limits (j,), in rad; 0 inside."""
+    """Return the angles (j,) of joints beyond their limits, in rad; 0 within."""
     a, b = body.joint_parts.T
     angles = state[b, 2] - state[a, 2]
     return np.maximum(0, np.maximum(body.limits[:, 0] - angles, angles - body.limits[:, 1]))
 
 
 def penetration(state: Floats, body: BodyArrays, terrain: Terrain) -> Floats:
-    """Return how deep each part's corners are inside the terrain's upright boxes (p,), in m; 0 outside.
+    """Return the penetration depths (p,) of parts into the terrain's boxes, in m; 0 outside.
 
     Depth is the shortest way out to the top or a side.
     """
@@ -107,13 +107,13 @@ Place = tuple[float, float] | Terrain
 
 
 def embodied(name: str, place: Place = TASKS[0]) -> tuple[Embodiment, Engine]:
-    """Return the body called `name` and an engine for it under the rules of `place`."""
+    """Return a body by name, and its engine under the rules of `place`."""
     body = load_embodiment(name)
     return body, make_engine(body, parkour_rules(body) if isinstance(place, Terrain) else RULES)
 
 
 def start(engine: Engine, place: Place, rng: np.random.Generator) -> Terrain:
-    """Reset `engine` as the environment does and return the new world."""
+    """Reset an engine as the environment does, and return the world."""
     if not isinstance(place, Terrain):
         place = stump_tracks(np.array(place, dtype=np.float32), rng)
     engine.reset(place, rng.uniform(-PUSH, PUSH))
@@ -121,7 +121,7 @@ def start(engine: Engine, place: Place, rng: np.random.Generator) -> Terrain:
 
 
 def zero_action(name: str = CLASSIC, count: int = 20, place: Place = TASKS[0]) -> Figures:
-    """Return what 100 steps without torque lead to, going on after termination."""
+    """Measure 100 steps without torque, continued after termination."""
     body, engine, rows = *embodied(name, place), []
     for seed in range(count):
         start(engine, place, np.random.default_rng(seed))
@@ -134,7 +134,7 @@ def zero_action(name: str = CLASSIC, count: int = 20, place: Place = TASKS[0]) -
 
 
 def episodes(place: Place, count: int, cap: int = 2000, name: str = CLASSIC) -> Figures:
-    """Return figures of `count` episodes of uniform actions."""
+    """Measure `count` episodes of uniform random actions."""
     body, engine, rows = *embodied(name, place), []
     for seed in range(count):
         rng = np.random.default_rng([seed, 1])
@@ -155,7 +155,7 @@ def episodes(place: Place, count: int, cap: int = 2000, name: str = CLASSIC) -> 
 
 
 def gaits(name: str = CLASSIC, count: int = 100, place: Place = TASKS[0]) -> Figures:
-    """Return how far and fast random sinusoidal gaits go in 200 steps or until termination."""
+    """Measure distance and speed of random sinusoidal gaits in 200 steps or until termination."""
     body, engine, distances, speeds, lengths = *embodied(name, place), [], [], []
     for seed in range(count):
         rng = np.random.default_rng([seed, 2])
@@ -183,7 +183,7 @@ def gaits(name: str = CLASSIC, count: int = 100, place: Place = TASKS[0]) -> Fig
 
 
 def full_torque(steps: int, seed: int = 0, task: tuple[float, float] = (1.5, 1.0)) -> Iterator[Figures]:
-    """Yield the errors of the simulation after each step of random full torques, in worlds of 500 steps."""
+    """Yield simulation errors after every step of random full torques, with a new world every 500 steps."""
     embodiment, engine = embodied(CLASSIC)
     rng, body = np.random.default_rng([seed, 3]), body_arrays(embodiment)
     for step in range(steps):
@@ -199,13 +199,13 @@ def full_torque(steps: int, seed: int = 0, task: tuple[float, float] = (1.5, 1.0
 
 
 def release_of_task(task: tuple[float, float]) -> dict[str, Statistics]:
-    """Return the release's statistics of the classic body's random actions on `task`, by figure."""
+    """Return the release's statistics of the classic body's random actions on a task, by quantity."""
     case = f"stump_height={task[0]:g} obstacle_spacing={task[1]:g}"
     return measured("random_actions_2000", "stump_tracks", CLASSIC, case)
 
 
 def table_of_bodies() -> Iterator[str]:
-    """Yield the release's means against ours, one row of a Markdown table per protocol and body."""
+    """Yield rows of a Markdown table of the release's means against ours, by protocol and body."""
     protocols = {
         "zero_actions": zero_action,
         "random_actions": lambda name: episodes(TASKS[0], 200, 500, name),
@@ -218,13 +218,13 @@ def table_of_bodies() -> Iterator[str]:
 
 
 def cells(release: dict[str, Statistics], ours: Figures) -> str:
-    """Return cells of a Markdown table: the means, release / ours, of what both measured."""
+    """Return cells of a Markdown table: means of the release / ours, for common quantities."""
     pairs = [(release[figure], values) for figure, values in ours.items() if figure in release]
     return " | ".join(f"{theirs.mean:.2f} / {values.mean():.2f}" for theirs, values in pairs)
 
 
 def table() -> Iterator[str]:
-    """Yield release against ours, then the errors of our simulation, as rows of a Markdown table."""
+    """Yield rows of a Markdown table: the release against ours, then our simulation errors."""
     protocols = {
         "zero_actions": (zero_action(), measured("zero_actions", "stump_tracks", CLASSIC)),
         "random_gaits": (gaits(), measured("random_gaits", "stump_tracks", CLASSIC)),

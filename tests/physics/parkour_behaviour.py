@@ -1,4 +1,4 @@
-"""The bodies in Parkour under the protocols by which the original release was measured.
+"""Bodies in Parkour under the protocols with which the original release was measured.
 
 ``python tests/physics/parkour_behaviour.py`` prints the tables of docs/fidelity.md.
 """
@@ -32,21 +32,21 @@ BODIES = tuple(embodiment_names())
 
 
 def place_of(name: str) -> Terrain:
-    """Return the world in which the body called `name` acts: deep water for the fish, else a dry one."""
+    """Return the world of a body: deep water for the fish, else a dry one."""
     return deep() if name == "fish" else dry()
 
 
 def under_water(steps: tuple[int, ...], name: str = "fish") -> Figures:
-    """Return how far the head has risen, and how fast it rises, after some `steps` without torque."""
+    """Measure rise and speed of the head after given numbers of steps without torque."""
     body, engine = embodied(name, deep())
     start(engine, deep(), np.random.default_rng(0))
     return _course(engine, body, steps)
 
 
 def released(name: str) -> Figures:
-    """Return the same of a body that is let go in open water: at rest, or a climber at the ceiling."""
+    """Measure `under_water` for a body released in open water at rest, climbers from the ceiling."""
     body = load_embodiment(name)
-    engine = PymunkEngine(body, parkour_rules(body))  # its parts can be moved
+    engine = PymunkEngine(body, parkour_rules(body))  # whose parts can be moved
     start(engine, deep(), np.random.default_rng(0))
     if name not in CLIMBERS:
         for part in engine._parts:
@@ -57,7 +57,7 @@ def released(name: str) -> Figures:
 
 
 def hanging(name: str, grip: float, motors: float = 0.0, count: int = 20) -> Figures:
-    """Return where a climber is after 100 steps with an action of `grip` and random ones of its `motors`."""
+    """Measure a climber after 100 steps with grip action `grip` and random actions of its `motors`."""
     body, engine, rows = *embodied(name, dry()), []
     for seed in range(count):
         rng = np.random.default_rng([seed, 4])
@@ -81,7 +81,7 @@ def hanging(name: str, grip: float, motors: float = 0.0, count: int = 20) -> Fig
 
 
 def random_actions(name: str, count: int) -> Figures:
-    """Return figures of `count` episodes of uniform actions, cut at 500 steps."""
+    """Measure `count` episodes of uniform random actions, truncated at 500 steps."""
     return episodes(place_of(name), count, 500, name)
 
 
@@ -95,7 +95,7 @@ def _course(engine: Engine, body: Embodiment, steps: tuple[int, ...]) -> Figures
 
 
 def table() -> Iterator[str]:
-    """Yield the release's means against ours as rows of Markdown tables."""
+    """Yield rows of Markdown tables of the release's means against ours."""
     protocols = {
         "zero_actions": lambda name: zero_action(name, 20, dry()),
         "random_actions": lambda name: random_actions(name, 100),

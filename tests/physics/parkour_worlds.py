@@ -21,7 +21,7 @@ SHIPPED = CPPN.load()
 
 
 def parkour_rules(body: Embodiment) -> Rules:
-    """Return the rules of Parkour for `body`, as its environment has them."""
+    """Return the rules of Parkour for a body, as in the environment."""
     return Rules("parkour", body.lidars, observes_medium=True)
 
 
@@ -35,30 +35,30 @@ def parkour_world(
     swinging: bool = False,
     seed: int = 0,
 ) -> Terrain:
-    """Return a world with `creepers` of this width, mean height and spacing, in m."""
+    """Return a world with `creepers` of given width, mean height and spacing, in m."""
     task = np.array([*theta, water, *creepers, delta], dtype=np.float32)
     return parkour(task, np.random.default_rng(seed), cppn=cppn, swinging_creepers=swinging)
 
 
 def without_creepers(terrain: Terrain) -> Terrain:
-    """Return `terrain` with a bare ceiling."""
+    """Return a terrain without its creepers."""
     return terrain._replace(creepers=np.empty((0, 4)), holders=np.empty(0, np.int64))
 
 
 @cache
 def dry() -> Terrain:
-    """Return a world with a bare ceiling and no water."""
+    """Return a world without creepers and water."""
     return without_creepers(parkour_world(0.0))
 
 
 @cache
 def deep() -> Terrain:
-    """Return a world with a bare ceiling, full of water."""
+    """Return a world without creepers, full of water."""
     return without_creepers(parkour_world(1.0))
 
 
 def swung(terrain: Terrain, rng: np.random.Generator) -> World:
-    """Return the world of `terrain` with every creeper turned and moved at random."""
+    """Return the world of a terrain with randomly rotated and moved creepers."""
     world = world_of(terrain)
     angles = rng.uniform(-1.2, 1.2, len(world.poses))
     moved = world.poses[:, :2] + rng.uniform(-0.5, 0.5, (len(angles), 2))
@@ -67,7 +67,7 @@ def swung(terrain: Terrain, rng: np.random.Generator) -> World:
 
 
 def in_chipmunk(world: World) -> tuple[pymunk.Space, list[pymunk.Poly]]:
-    """Return the creepers of `world` as shapes, and the space that keeps them."""
+    """Return the creepers of a world as shapes of Chipmunk, with their space."""
     space, shapes = pymunk.Space(), []
     for (left, low, right, high), (x, y, cosine, sine) in zip(world.creepers, world.poses, strict=True):
         body = pymunk.Body(body_type=pymunk.Body.STATIC)

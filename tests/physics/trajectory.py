@@ -1,4 +1,4 @@
-"""Prints digests of trajectories: ``python trajectory.py embodiment ...``; run in processes of their own."""
+"""Script that prints digests of trajectories: ``python trajectory.py embodiment ...``."""
 
 import hashlib
 import sys
@@ -17,7 +17,7 @@ GRIP_STEPS = 12
 
 
 def digest(engine: Engine, seed: int, steps: int = 150, terrain: Terrain | None = None) -> str:
-    """Return a hash of every observation, reward and state of a random episode."""
+    """Return a hash of all observations, rewards and states of a random episode."""
     rng, content = np.random.default_rng(seed), hashlib.sha256()
     if terrain is None:
         terrain = stump_tracks(np.array([1.5, 1.0], dtype=np.float32), rng)
@@ -35,7 +35,7 @@ def digest(engine: Engine, seed: int, steps: int = 150, terrain: Terrain | None 
 
 
 def digest_in_parkour(name: str) -> str:
-    """Return the same of a body among creepers that swing over water."""
+    """Return a hash of a random episode of a body among swinging creepers over water."""
     body = load_embodiment(name)
     terrain = parkour_world(0.8, (1.0, 2.0, 0.0), swinging=True)
     return digest(make_engine(body, parkour_rules(body)), 1, 40, terrain)

@@ -15,7 +15,7 @@ NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 
 @contextmanager
 def chromium() -> Iterator[Browser]:
-    """Give headless Chromium, of `TMA_CHROMIUM` or the path; what needs it is skipped where there is none."""
+    """Context manager with headless Chromium, from `TMA_CHROMIUM` or the path; skip tests without it."""
     found = os.environ.get("TMA_CHROMIUM") or next(filter(None, map(shutil.which, NAMES)), None)
     if found is None:
         pytest.skip("no Chromium: install it, or name it in TMA_CHROMIUM")

@@ -1,4 +1,4 @@
-"""Episodes of random actions as the engine plays them here, to be played again by the page's engine.
+"""Recorded episodes of random actions in Python's engine, for replay in the page's engine.
 
 ``python episodes.py FOLDER EPISODES STEPS BODY...``
 """
@@ -20,7 +20,7 @@ from tma_ray.terrain import Terrain
 
 
 def world_record(terrain: Terrain) -> dict[str, Any]:
-    """Return a world as the page's engine takes it; no water is null."""
+    """Return a world in the format of the page's engine, with null for no water."""
     values = {
         name: stored(value) if isinstance(value, np.ndarray) else value
         for name, value in terrain._asdict().items()
@@ -30,12 +30,12 @@ def world_record(terrain: Terrain) -> dict[str, Any]:
 
 
 def episode(body: str, environment: str, seed: int, steps: int) -> dict[str, Any]:
-    """Play one episode; its task, world and actions depend on the seed alone."""
+    """Play an episode whose task, world and actions depend only on the seed."""
     world = make_environment(environment, embodiment=body).unwrapped
     rng = np.random.default_rng(seed)
     terrain = world.build(world.task_space.sample(rng), rng)
     push, size = rng.uniform(-PUSH, PUSH), world.embodiment.action_size
-    pace = rng.integers(1, 12)  # actions that last: a body gets somewhere with some of them
+    pace = rng.integers(1, 12)  # repeated actions move a body further
     actions = np.repeat(rng.uniform(-1.2, 1.2, (steps // pace + 1, size)), pace, axis=0)[:steps]
     engine = world._engine
     first = engine.reset(terrain, push).tolist()
@@ -56,7 +56,7 @@ def episode(body: str, environment: str, seed: int, steps: int) -> dict[str, Any
 
 
 def main(folder: str, episodes: str, steps: str, *bodies: str) -> None:
-    """Write a file for every body and environment, with everything that the replay needs."""
+    """Write a file of episodes for every body and environment."""
     for body in bodies:
         for environment in PLAYED:
             content = {

@@ -1,6 +1,6 @@
-"""Episodes recorded with Python's engine and played again by the page's, in node and in Chromium.
+"""Replay of episodes of Python's engine in the page's engine, in node and in Chromium.
 
-What needs a program that is not on this machine is skipped.
+Tests are skipped if a program is missing.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ HERE = Path(__file__).parent
 
 
 def sine_of_the_page(place: Path) -> dict[str, str]:
-    """Return variables under which Python's engine has the page's sine and cosine, compiled in `place`."""
+    """Return environment variables that give Python's engine the page's sine and cosine."""
     compiler = shutil.which("cc")
     if compiler is None or not sys.platform.startswith("linux"):
         pytest.skip("a C compiler on Linux gives Python's engine the page's sine and cosine")
@@ -37,7 +37,7 @@ def sine_of_the_page(place: Path) -> dict[str, str]:
 def recorded(
     place: Path, episodes: int, steps: int, bodies: tuple[str, ...], sine: dict[str, str]
 ) -> list[Path]:
-    """Return a file of episodes for each body and environment, written to `place`."""
+    """Record episodes to `place`; return a file per body and environment."""
     command = [sys.executable, str(HERE / "episodes.py"), str(place), str(episodes), str(steps), *bodies]
     subprocess.run(command, env=os.environ | sine, check=True)
     return sorted(place.glob("*.json"))
@@ -49,7 +49,7 @@ def scripts_of_the_page() -> str:
 
 
 def in_node(place: Path, *files: Path) -> list[Any]:
-    """Return what `replay.js` says of each file; `place` gets the scripts."""
+    """Return the results of `replay.js` in node, by file."""
     node = shutil.which("node")
     if node is None:
         pytest.skip("no node")
@@ -61,7 +61,7 @@ def in_node(place: Path, *files: Path) -> list[Any]:
 
 
 def in_chromium(browser: Browser, *files: Path) -> list[Any]:
-    """Return what `replay` of `replay.js` says of each file of episodes."""
+    """Return the results of `replay.js` in Chromium, by file."""
     page = browser.new_page()
     page.add_script_tag(content=scripts_of_the_page() + (HERE / "replay.js").read_text())
     page.evaluate(

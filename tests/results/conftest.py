@@ -11,7 +11,7 @@ from tma_ray.results.storage import BucketStore
 
 @pytest.fixture(params=["local", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("memory", "s3"))])
 def store(request: pytest.FixtureRequest, tmp_path: Path) -> Store:
-    """A store on a disk, one in a bucket in memory, and one in a bucket of a server."""
+    """Store on a disk, in a bucket in memory, or in a bucket of a server."""
     if request.param == "local":
         return Store.open(tmp_path / "root")
     if request.param == "s3":
@@ -26,5 +26,5 @@ def record() -> RunRecord:
 
 @pytest.fixture
 def old_root(tmp_path: Path) -> Path:
-    """A copy of a root that the first version wrote."""
+    """Copy of a root written by the first version."""
     return Path(shutil.copytree(OLD_ROOT, tmp_path / "root"))

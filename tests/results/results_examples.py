@@ -23,7 +23,7 @@ def make_record(run_id: str) -> RunRecord:
 
 
 def make_rows(rng: np.random.Generator, step: int) -> list[tuple[Table, list[dict[str, Any]]]]:
-    """Rows of all data tables, one evaluation among them."""
+    """Return rows of all data tables, including one evaluation."""
     task = rng.random(2).astype(np.float32)
     update = TeacherUpdate(
         gaussians=tuple(WeightedGaussian(0.5, rng.random(2), np.eye(2)) for _ in range(step % 3)),
@@ -58,7 +58,7 @@ def add_run(
     finished: bool = True,
     empty: Table | None = None,
 ) -> list[PartFile]:
-    """Write a run with published parts of each step and no rows of one table; return the parts."""
+    """Write a run with published parts at every step, optionally with one table empty; return the parts."""
     committer, record = Committer(store), make_record(run_id)
     writer = RunWriter(store, run_id, committer.start(record))
     for step in steps:
@@ -97,13 +97,13 @@ def _episode_row(rng: np.random.Generator, step: int, *, shuffled: bool) -> dict
 
 
 def sibling(store: Store, suffix: str) -> Store:
-    """A store whose root lies next to that of another, with `suffix` after its name."""
+    """Return a store next to another one, with `suffix` appended to its name."""
     if isinstance(store, BucketStore):
         return BucketStore(store._objects, f"{store}{suffix}")
     return type(store).at(f"{store}{suffix}")
 
 
 def tree(store: Store, *, keep: Callable[[str], bool] = lambda path: True) -> dict[str, bytes]:
-    """Content of all files but those in the making."""
+    """Return the content of all files except temporary ones, by path."""
     paths = [path for path in store.files() if not path.startswith("tmp/") and keep(path)]
     return {path: store.read_bytes(path) for path in paths}

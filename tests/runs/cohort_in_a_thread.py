@@ -1,4 +1,4 @@
-"""A learner in a thread of this process."""
+"""Learner in a thread of this process."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tma_ray.students.rollout_workers import CohortSettings
 
 @contextmanager
 def serving(folder: Path, width: int) -> Iterator[Learner]:
-    """Lends the block a learner, which listens in a folder."""
+    """Context manager with a learner that listens in a folder."""
     from tma_ray.students.cohort.server import LearnerServer
 
     learner, over = Learner(f"{folder}/learner", b"secret"), threading.Event()

@@ -1,4 +1,4 @@
-"""A world of a few steps an episode, so that a small budget holds many: any Gymnasium environment will do."""
+"""Gymnasium environment with episodes of a few steps, for many episodes in a small budget."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tma_ray.tasks import TaskSpace, check_task
 
 
 class Corridor(gymnasium.Env[np.ndarray, np.ndarray]):
-    """Walk to the end against a gusty wind; the task is the length of the way and the wind."""
+    """Corridor to walk against a gusty wind; the task is its length and the strength of the wind."""
 
     task_space = TaskSpace.from_bounds({"distance": (1, 8), "wind": (0, 0.5)})
     valid_domain = task_space

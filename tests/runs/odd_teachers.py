@@ -1,4 +1,4 @@
-"""Teachers that do something unusual; named as ``odd_teachers:Name``, so that no catalogue holds them."""
+"""Teachers with unusual behaviour, outside the catalogue: ``odd_teachers:Name``."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from tma_ray.teachers.random import Random
 
 @dataclass
 class Inquisitive(Random):
-    """Asks V of the initial observation after every episode, and insists on the answer."""
+    """Teacher that queries the value of every initial observation, and requires the answer."""
 
     asked_: int = 0
     answers_: list[float] = field(default_factory=list)
@@ -45,7 +45,7 @@ class Inquisitive(Random):
 
 @dataclass
 class Scrutinising(Random):
-    """Asks for every trajectory, then for the values along it, and checks what it is given."""
+    """Teacher that queries and checks all trajectories and the values along them."""
 
     wants_trajectory = True
 
@@ -67,7 +67,7 @@ class Scrutinising(Random):
             assert answer.terminated or length == 30, "the corridor is cut there"
             np.testing.assert_array_equal(answer.observations[0], self.episode_.initial_observation)
             np.testing.assert_allclose(answer.observations[:, 2], np.arange(length + 1) / 30, rtol=1e-6)
-            # From Python 3.12 on sum compensates for rounding, as an environment does not.
+            # Since Python 3.12, sum compensates for rounding errors, unlike an environment.
             total = functools.reduce(operator.add, answer.rewards.tolist())
             assert total == self.episode_.episodic_return
             return Query(QueryKind.STATE_VALUES, answer.observations)
@@ -80,7 +80,7 @@ class Scrutinising(Random):
 
 @dataclass
 class Examining(Random):
-    """Has every second task played without learning, and after every sixth episode asks for an evaluation."""
+    """Teacher with every second episode untrained, and an evaluation query after every sixth."""
 
     wants_evaluations = True
 
@@ -105,7 +105,7 @@ class Examining(Random):
 
 @dataclass
 class Watching(Random):
-    """Lets the student learn from nothing."""
+    """Teacher without any trained episode."""
 
     wants_evaluations = True
 
@@ -115,7 +115,7 @@ class Watching(Random):
 
 @dataclass
 class Covert(Random):
-    """Proposes an episode without learning, and has not said that it would."""
+    """Teacher with untrained episodes that it does not declare."""
 
     def sample(self) -> Proposal:
         return Proposal(super().sample(), trains=False)
@@ -123,7 +123,7 @@ class Covert(Random):
 
 @dataclass
 class Prying(Random):
-    """Asks for an evaluation without having said that it would."""
+    """Teacher with evaluation queries that it does not declare."""
 
     def observe(self, episode: Episode) -> Query:
         return Query(QueryKind.EVALUATION, tasks=episode.task[None])
@@ -131,7 +131,7 @@ class Prying(Random):
 
 @dataclass
 class Undeclared(Random):
-    """Asks for a trajectory without having said that it would."""
+    """Teacher with trajectory queries that it does not declare."""
 
     def observe(self, episode: Episode) -> Query:
         return Query(QueryKind.TRAJECTORY)
@@ -139,7 +139,7 @@ class Undeclared(Random):
 
 @dataclass
 class Outsider(Random):
-    """Leaves its space."""
+    """Teacher with tasks outside of its space."""
 
     def sample(self) -> Task:
         return super().sample() + np.float32(100)
@@ -147,7 +147,7 @@ class Outsider(Random):
 
 @dataclass
 class NeedsLow(Teacher):
-    """Cannot do without a mastery threshold."""
+    """Teacher that requires a mastery threshold."""
 
     knowledge_levels = (KnowledgeLevel.LOW,)
 

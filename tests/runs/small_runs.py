@@ -1,4 +1,4 @@
-"""Real runs, small enough for the fast suite; also a script that finishes some in a new process.
+"""Small real runs for the fast suite; as a script, finishes runs in a new process.
 
 python small_runs.py FOLDER ...   # each with a spec.json; its results root is FOLDER/resumed
 """
@@ -54,7 +54,7 @@ TEACHERS: dict[str, dict[str, Any]] = {
 def small_spec(
     folder: Path, student: str = "ppo", teacher: str = "random", seed: int = 0, **changes: Any
 ) -> RunSpec:
-    """Return a run of some 150 short episodes with small networks and a test set of three tasks."""
+    """Return the spec of a run of about 150 short episodes, with small networks and three test tasks."""
     tests = folder / "three.csv"
     tests.write_text("distance,wind\n1,0\n4,0.5\n8,0.2\n")
     schedule = Schedule(**{**vars(SCHEDULE), **changes})
@@ -62,7 +62,7 @@ def small_spec(
 
 
 def stump_tracks_spec(folder: Path, student: str, teacher: str, **changes: Any) -> RunSpec:
-    """Return a run of a few episodes on Stump Tracks, likewise."""
+    """Return the spec of a run of a few episodes on Stump Tracks, with small networks and three tests."""
     tests = folder / "three.csv"
     tests.write_text("stump_height,obstacle_spacing\n0,6\n1.5,3\n3,1\n")
     cell = _cell("stump_tracks", "classic_bipedal", student, teacher, tests)
@@ -84,14 +84,14 @@ def _cell(environment: str, embodiment: str, student: str, teacher: str, tests: 
 
 
 def data_files(root: str | Path) -> dict[str, bytes]:
-    """Return the canonical data files of all runs of a root, a folder or a URI, by their path."""
+    """Return the canonical data files of all runs of a root, by path."""
     store = Store.open(root)
     about = ("tables/runs/", "tables/attempts/", "tables/cells/")
     return {path: store.read_bytes(path) for path in store.files("tables") if not path.startswith(about)}
 
 
 def short_run(folder: Path) -> tuple[RunSpec, dict[str, bytes]]:
-    """Return a short run, and the files that it gives undisturbed on a disk."""
+    """Return the spec of a short run, and its data files after an undisturbed execution."""
     spec = small_spec(folder, teacher="alp_gmm", steps=1_000)
     run(spec, folder / "undisturbed")
     return spec, data_files(folder / "undisturbed")
@@ -100,7 +100,7 @@ def short_run(folder: Path) -> tuple[RunSpec, dict[str, bytes]]:
 def run(
     spec: RunSpec, root: str | Path, stop_after: int | None = None, placement: Placement | None = None
 ) -> str:
-    """Run `spec`, stopping after `stop_after` episodes; return the outcome."""
+    """Execute a run, stopping after `stop_after` episodes; return the outcome."""
     episodes = 0
 
     def stop() -> bool:
@@ -114,14 +114,14 @@ def run(
 def new_run(
     spec: RunSpec, root: str | Path, attempt: int = 0, teacher: type[InlineTeacher] = InlineTeacher
 ) -> Run:
-    """Return a run that has not begun, which writes its rows into `root`."""
+    """Return a new run that writes its rows to `root`."""
     return Run(spec, teacher(spec), RunWriter(Store.open(root), spec.run_id, attempt))
 
 
 def one_episode(
     environment: Environment, act_greedily: Callable[[np.ndarray], np.ndarray], task: Task, seed: int
 ) -> tuple[int, float]:
-    """Play `task` greedily; return length and episodic return."""
+    """Play an episode greedily; return its length and return."""
     observation, _ = environment.reset(seed=seed, options={"task": task})
     total, length, over = 0.0, 0, False
     while not over:
@@ -137,7 +137,7 @@ def rows(root: str | Path, table: Table) -> list[dict[str, Any]]:
 
 
 def finish(folders: list[Path]) -> None:
-    """Finishes runs, for which torch's compiler is not imported: that takes seconds."""
+    """Finish runs, and check that torch's compiler, which is slow to import, was not imported."""
     for folder in folders:
         run(RunSpec.from_dict(json.loads((folder / "spec.json").read_text())), folder / "resumed")
     assert "torch._dynamo" not in sys.modules

@@ -1,4 +1,4 @@
-"""A seed of torch's own generator for tests that draw from it."""
+"""Fixture that seeds torch's global generator."""
 
 from collections.abc import Iterator
 

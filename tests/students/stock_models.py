@@ -1,4 +1,4 @@
-"""Models of stable-baselines3 as the students have them, in float32 or float64."""
+"""Models of stable-baselines3 equivalent to the students, in float32 or float64."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def world() -> SpacesOnly:
 
 
 class Batches:
-    """Stands in for a rollout buffer: the mini-batches of one epoch after another, again and again."""
+    """Substitute for a rollout buffer that repeats the mini-batches of given epochs."""
 
     def __init__(self, epochs) -> None:
         self.epochs = cycle(epochs)

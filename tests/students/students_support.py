@@ -1,4 +1,4 @@
-"""A small environment and a plain training loop for the tests of students."""
+"""Small environment and training loop for tests of students."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ SMALL: dict[str, dict[str, Any]] = {
 
 
 class Drift(gymnasium.Env):
-    """A noisy linear system with oddly bounded actions; ends by chance or is cut after `limit` steps."""
+    """Noisy linear system with asymmetric action bounds, random termination and truncation at `limit`."""
 
     def __init__(self, seed: int = 0, limit: int | None = 17, ending: float = 0.05) -> None:
         self.observation_space = spaces.Box(-np.inf, np.inf, (3,), np.float32)
@@ -69,7 +69,7 @@ def small_student(name: str, seed: int = 0, **hyperparameters) -> Student:
 def played(
     student: Student, env: gymnasium.Env, observation: np.ndarray | None = None
 ) -> Iterator[Transition]:
-    """Play and learn without end, from a reset or on from `observation`; yield what happened."""
+    """Train endlessly, from a reset or from `observation`; yield the transitions."""
     while True:
         if observation is None:
             observation = env.reset()[0]
@@ -82,7 +82,7 @@ def played(
 
 
 def train(student: Student, env: gymnasium.Env, steps: int) -> list[Transition]:
-    """Play from a reset for `steps` steps; return what happened."""
+    """Train for a number of steps from a reset; return the transitions."""
     return list(islice(played(student, env), steps))
 
 
@@ -91,7 +91,7 @@ def actions_of(transitions: list[Transition]) -> np.ndarray:
 
 
 def train_episodes(student: Student, episodes: range) -> list[float]:
-    """Play whole episodes, each in a world seeded by its number; return their returns."""
+    """Train for whole episodes, seeded by their numbers; return the episodic returns."""
     returns = []
     for episode in episodes:
         returns.append(0.0)
@@ -111,7 +111,7 @@ def parameters(student: Student) -> dict[str, np.ndarray]:
 
 
 def digest(student: Student, folder: Path) -> dict[str, str]:
-    """Hashes of everything the student saves, by file."""
+    """Return the hashes of all files that a student saves, by path."""
     folder.mkdir(parents=True, exist_ok=True)
     student.save(folder)
     files = sorted(path for path in folder.rglob("*") if path.is_file())
@@ -119,7 +119,7 @@ def digest(student: Student, folder: Path) -> dict[str, str]:
 
 
 def resume(name: str, saved: str, episodes: range, work: str) -> tuple[list[float], dict[str, str]]:
-    """Continue a saved student and tell how it went on."""
+    """Continue the training of a saved student; return episodic returns and hashes of its files."""
     student = small_student(name, seed=999)
     student.load(Path(saved))
     returns = train_episodes(student, episodes)

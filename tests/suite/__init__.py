@@ -1,1 +1,1 @@
-"""How the suite runs: what cases cost, which of them share a process, and what each leaves as it was."""
+"""Plug-ins of the test suite: costs of cases, distribution over processes, isolation, order."""

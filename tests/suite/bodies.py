@@ -1,4 +1,4 @@
-"""Bodies of contracts that hold for every body: three in the fast tier, all of them in the slow one."""
+"""Bodies as parameters of tests: three in the fast tier, all of them in the slow one."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ FEW = ("classic_bipedal", "fish", "climbing_chimpanzee")
 
 
 def body(*values: str) -> Any:
-    """Return a parameter set, slow unless one of its values names one of the few."""
+    """Return a parameter set, marked slow unless one of its values is in `FEW`."""
     return pytest.param(*values, marks=() if set(values) & set(FEW) else pytest.mark.slow)
 
 

@@ -1,4 +1,4 @@
-"""Processor seconds of every case, with those of the processes that it starts, slowest first.
+"""Plug-in that lists the processor seconds of cases and their child processes, slowest first.
 
 Wall time tells of neighbours on the machine too; processor time of the case alone.
 """
@@ -26,18 +26,18 @@ TICKS = os.sysconf("SC_CLK_TCK")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add --costs."""
+    """Add the option --costs."""
     parser.addoption("--costs", type=int, default=0, metavar="N", help="list the N slowest cases at the end")
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Collect the costs of all processes where reports come together."""
+    """Register the report in the main process."""
     if config.getoption("--costs") and not hasattr(config, "workerinput"):
         config.pluginmanager.register(CostReport(config.getoption("--costs")))
 
 
 def pytest_collection_finish(session: pytest.Session) -> None:
-    """Read the clock before the first case."""
+    """Measure the processor time before the first case."""
     session.config.stash[READING] = processor_seconds()
 
 
@@ -45,7 +45,7 @@ def pytest_collection_finish(session: pytest.Session) -> None:
 def pytest_runtest_makereport(
     item: pytest.Item, call: pytest.CallInfo[None]
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """Send the seconds since the case before along with the last report of a case.
+    """Add the seconds since the previous case to the last report of a case.
 
     A fixture of larger scope falls to the case that is first to ask. One reading a case: each asks the system
     for every thread of every process that this one has started.
@@ -58,7 +58,7 @@ def pytest_runtest_makereport(
 
 
 class CostReport:
-    """The list at the end of a session."""
+    """List of costs at the end of a session."""
 
     def __init__(self, length: int) -> None:
         self.length = length
@@ -66,14 +66,14 @@ class CostReport:
         self.unmarked: list[tuple[float, str]] = []
 
     def pytest_runtest_logreport(self, report: Any) -> None:
-        """Note the cost of a case."""
+        """Record the cost of a case."""
         if report.when == "teardown":
             self.costs.append((report.processor_seconds, report.nodeid))
             if report.processor_seconds > TOLERATED and not set(TIERS) & set(report.keywords):
                 self.unmarked.append((report.processor_seconds, report.nodeid))
 
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
-        """Print the slowest, then those that no marker admits."""
+        """Print the slowest cases, then slow ones without a marker."""
         write = terminalreporter.write_line
         total = sum(seconds for seconds, _ in self.costs)
         terminalreporter.write_sep("=", f"the slowest of {total:.0f} processor seconds in cases")
@@ -86,14 +86,14 @@ class CostReport:
 
 
 def processor_seconds() -> float:
-    """Return what this process and its children, ended or alive, have used, in seconds."""
+    """Return the processor time of this process and all of its children, in s."""
     ended = resource.getrusage(resource.RUSAGE_CHILDREN)
     alive = sum(_used(process) for process in _descendants("self"))
     return time.process_time() + ended.ru_utime + ended.ru_stime + alive
 
 
 def _descendants(process: str) -> Iterator[str]:
-    """Yield the living children of a process and theirs; none where the system has no /proc."""
+    """Yield the live descendants of a process; none without /proc."""
     children: list[str] = []
     with suppress(OSError):
         for thread in Path("/proc", process, "task").iterdir():
@@ -106,5 +106,5 @@ def _descendants(process: str) -> Iterator[str]:
 def _used(process: str) -> float:
     with suppress(OSError):
         fields = Path("/proc", process, "stat").read_text().rpartition(")")[2].split()
-        return sum(map(int, fields[11:15])) / TICKS  # user, system, and both of ended children
+        return sum(map(int, fields[11:15])) / TICKS  # user and system time, and those of ended children
     return 0.0

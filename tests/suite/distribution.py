@@ -1,4 +1,4 @@
-"""Which cases share a process when several test side by side: those of a module, and those of a service.
+"""Plug-in that distributes cases over processes: cases of a module, or of a service, share one.
 
 A Ray, an S3 server or a browser is started by one process only, and one makes the campaign that pages show.
 Their cases wait more than they compute, and come first, beside modules that only compute; all else comes in
@@ -41,10 +41,10 @@ SERVICE_OF = {module: service for service, modules in SERVICES.items() for modul
 
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put cases of services first.
+    """Order the cases of services first.
 
     Raises:
-        UsageError: a module uses a service and is not listed above.
+        UsageError: if a module uses a service and is not listed above.
     """
     for item in items:
         module, needed = _module(item.nodeid), set(SERVICES) & set(getattr(item, "fixturenames", ()))
@@ -58,7 +58,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
-    """Return a scheduler that keeps a service's modules together, where it keeps a module's cases."""
+    """Return a scheduler that runs all modules of a service in one process, if `--dist` is loadscope."""
     if config.getoption("dist") != "loadscope":
         return None
     from xdist.scheduler import LoadScopeScheduling
@@ -71,7 +71,7 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
 
 
 def scope(nodeid: str) -> str:
-    """Return what a case shares a process with: its service, or its module."""
+    """Return the scope of a case, which shares a process: its service, or its module."""
     module = _module(nodeid)
     return SERVICE_OF.get(module, module)
 

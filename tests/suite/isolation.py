@@ -1,4 +1,4 @@
-"""Each case leaves names, environment, folder and generators as it met them."""
+"""Plug-in that restores registries, environment variables, folder and generators after every case."""
 
 from __future__ import annotations
 
@@ -33,15 +33,15 @@ def _names_of_a_module() -> Iterator[None]:
 
 
 def pytest_configure() -> None:
-    """Collect no garbage while modules are imported: looking for it takes a quarter of that time."""
+    """Disable garbage collection during imports, of which it takes a quarter of the time."""
     gc.disable()
 
 
 def pytest_collection_finish() -> None:
-    """Refuse modules whose import, before any case, makes names known to all cases; collect garbage again.
+    """Check that collection registered no plug-ins, which all cases would see; enable garbage collection.
 
     Raises:
-        UsageError: there is such a name.
+        UsageError: if a plug-in was registered.
     """
     gc.enable()
     known = [name for registry in REGISTRIES for name in registry._decorated]
@@ -50,7 +50,7 @@ def pytest_collection_finish() -> None:
 
 
 def _restored_registries() -> Iterator[None]:
-    """Forget plug-ins that were made known, with their modules: the next one may import them anew."""
+    """Unregister the plug-ins of a case and their modules, which later cases may import again."""
     before = [{name: dict(vars(registry)[name]) for name in KEPT} for registry in REGISTRIES]
     modules = set(sys.modules)
     yield
@@ -64,7 +64,7 @@ def _restored_registries() -> Iterator[None]:
 
 @pytest.fixture(autouse=True)
 def _restored_surroundings() -> Iterator[None]:
-    """Undoes changes of the environment's variables, the working directory, arguments and import path."""
+    """Restore environment variables, working directory, arguments and import path."""
     variables, folder = dict(os.environ), Path.cwd()
     arguments, path = list(sys.argv), list(sys.path)
     yield
@@ -77,7 +77,7 @@ def _restored_surroundings() -> Iterator[None]:
 
 @pytest.fixture(autouse=True)
 def _restored_generators() -> Iterator[None]:
-    """Each case meets the global generators as they were; unseeded, since nobody may draw from them."""
+    """Restore global random generators, which are not seeded, since no code may use them."""
     plain, arrays = random.getstate(), np.random.get_state()  # noqa: NPY002
     torch = sys.modules.get("torch")
     tensors = torch.get_rng_state() if torch else None
@@ -90,7 +90,7 @@ def _restored_generators() -> Iterator[None]:
 
 @pytest.fixture(scope="session", autouse=True)
 def _no_waiting_for_disks() -> Iterator[None]:
-    """Power stays on: what is written before what shows in the order of calls and in killed processes."""
+    """Disable fsync, which matters only after a power failure."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(os, "fsync", lambda descriptor: None)
         yield

@@ -1,4 +1,4 @@
-"""Compiles all kernels, once: processes that test side by side would each compile them."""
+"""Plug-in that compiles all kernels once, before parallel processes would compile them separately."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ WITH_KERNELS = ("support/jit.py", "physics", "students", "terrain")
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
-    """Fill the cache before the workers of a whole suite; fewer tests compile what they need."""
+    """Compile the kernels before a parallel run of the whole suite; fewer tests compile on demand."""
     config = session.config
     whole = config.args_source is pytest.Config.ArgsSource.TESTPATHS
     if not whole or not getattr(config.option, "numprocesses", None) or hasattr(config, "workerinput"):
@@ -31,7 +31,7 @@ def pytest_sessionstart(session: pytest.Session) -> None:
 
 
 def compile_all(folder: Path) -> None:
-    """Play and train a little: with every kind of world, sensor and student."""
+    """Compile all kernels by short runs with every kind of world, sensor and student."""
     import numpy as np
     from small_runs import run, stump_tracks_spec
 

@@ -1,4 +1,4 @@
-"""Versions of the lock files: what the project is built and documented with, whatever is installed."""
+"""Versions in the lock files, with which the project is tested and documented."""
 
 from __future__ import annotations
 

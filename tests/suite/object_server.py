@@ -1,4 +1,4 @@
-"""An S3 server on this machine, in a process of its own that can be frozen."""
+"""Local S3 server in a separate process that can be frozen."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ sys.stdin.read()
 
 
 class ObjectServer:
-    """A server with one empty bucket, as long as its block lasts.
+    """Context manager of an S3 server with one empty bucket.
 
     Attributes:
-        bucket: its name.
-        process: of the server.
-        environment: variables that lead to it.
+        bucket: name of the bucket.
+        process: process of the server.
+        environment: environment variables of its clients.
     """
 
     bucket = "bucket"
@@ -63,5 +63,5 @@ class ObjectServer:
         self.process.wait()
 
     def in_environment(self) -> AbstractContextManager[Any]:
-        """Let this process find the server within a block."""
+        """Context manager that sets the environment variables of the server in this process."""
         return mock.patch.dict(os.environ, self.environment)

@@ -9,10 +9,10 @@ from pathlib import Path
 
 
 def python(*arguments: str | Path, cwd: Path | None = None, **variables: str) -> str:
-    """Return what a new process prints.
+    """Run Python in a new process, and return its output.
 
     Raises:
-        CalledProcessError: it failed.
+        CalledProcessError: if it fails.
     """
     command, environment = [sys.executable, *map(str, arguments)], os.environ | variables
     ended = subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True, check=True)

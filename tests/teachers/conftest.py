@@ -1,4 +1,4 @@
-"""One thread for all tests of teachers."""
+"""Fixture that limits tests of teachers to one thread."""
 
 from __future__ import annotations
 
@@ -10,6 +10,6 @@ from threadpoolctl import threadpool_limits
 
 @pytest.fixture(scope="module", autouse=True)
 def single_thread() -> Iterator[None]:
-    """Tiny matrices on many threads cost far more than they save where other processes are busy, too."""
+    """Limit matrix products to one thread, since more are slower on tiny matrices in parallel tests."""
     with threadpool_limits(limits=1):
         yield

@@ -1,4 +1,4 @@
-"""A student simulated by a formula: enough to make a teacher learn."""
+"""Episodes of a student that is simulated by a formula, to train teachers."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def started(
     easy_task: Sequence[float] | None = None,
     **hyperparameters: Any,
 ) -> Any:
-    """Return a teacher that has been told `level`; the easy task is the space's lower corner unless given."""
+    """Return a started teacher; the easy task is the lower corner of the space by default."""
     teacher = make_teacher(name, QUICK.get(name, {}) | hyperparameters)
     easy = space.low if easy_task is None else easy_task
     knowledge = expert_knowledge(level, space, np.random.default_rng(seed), easy)
@@ -44,16 +44,16 @@ def started(
 
 
 def ended(task: Any, episodic_return: float = 0.0, success: bool = False, step: int = 0) -> Episode:
-    """An episode of ten steps, of which a teacher learns its return and whether it was mastered."""
+    """Return an episode of ten steps with a given task, return and success."""
     task = np.asarray(task, np.float32)
     return Episode(task, episodic_return, success, 10, np.zeros(1, np.float32), 0.0, step)
 
 
 def play(teacher: Teacher, episodes: int, step: int = 0) -> list[Task]:
-    """Play a student that gets better with time, best at the lower corner of the space.
+    """Play episodes of a student that improves over time and is best at the lower corner of the space.
 
     Args:
-        step: episodes played before.
+        step: number of episodes played before.
     """
     tasks = []
     for index in range(step, step + episodes):

@@ -1,4 +1,4 @@
-"""Teachers that break one promise each; what they break is their name."""
+"""Teachers that break one requirement each, named after it."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class UsesGlobalRandomness(Random):
 
 @dataclass
 class IsNotSeeded(Random):
-    """As one that iterates over a set, or draws from the operating system."""
+    """Teacher whose tasks vary between processes, as by iteration over a set."""
 
     def sample(self) -> Task:
         return self.space.denormalise(np.full(self.space.size, (0.37 * next(COUNTER)) % 1))
@@ -55,7 +55,7 @@ class IgnoresItsSeed(Random):
 
 @dataclass
 class LearnsFromProbes(Random):
-    """Its probes are repeatable, but move its generator."""
+    """Teacher whose probes are repeatable but advance its generator."""
 
     def probe(self, count: int) -> Task:
         tasks = super().probe(count)
@@ -70,12 +70,12 @@ class ForgetsWhenSaved(Random):
         return self.space.clip(0.5 * (task + self.previous)) if hasattr(self, "previous") else task
 
     def observe(self, episode: Episode) -> None:
-        self.previous = episode.task  # no underscore: not saved
+        self.previous = episode.task  # not saved, without an underscore
 
 
 @dataclass
 class Logs(Random):
-    """Nothing wrong by itself; subclasses say what they log."""
+    """Base class of teachers with invalid logs, which are returned by `update`."""
 
     def observe(self, episode: Episode) -> None:
         self.log(self.update())
@@ -136,7 +136,7 @@ class TakesAnything(Random):
 
 @dataclass
 class NeedsSuccess(Random):
-    """Aims at the mean of what was mastered, which is nobody's task where nothing was."""
+    """Teacher that aims at the mean of mastered tasks, which is NaN without any."""
 
     def start(self, *arguments: object) -> None:
         super().start(*arguments)

@@ -1,4 +1,4 @@
-"""A teacher on a grid over all dimensions, as one first writes it: it has limits, and declares none."""
+"""Naive teacher on a grid over all dimensions, with and without a declaration of its limits."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from tma_ray.teachers import Teacher
 
 @dataclass
 class Grid(Teacher):
-    """Prefers squares of a grid in which returns changed last.
+    """Prefers grid cells with large changes of the return.
 
     Args:
-        bins: squares of each dimension.
+        bins: cells along each dimension.
     """
 
     bins: int = 6
@@ -32,7 +32,7 @@ class Grid(Teacher):
         return self.space.clip(self.space.low + low / self.bins * self.space.width)
 
     def observe(self, episode: Any) -> None:
-        with np.errstate(divide="ignore", invalid="ignore"):  # the limit that it has, and does not declare
+        with np.errstate(divide="ignore", invalid="ignore"):  # constant dimensions divide by 0
             shares = (episode.task - self.space.low) / self.space.width
             square = tuple(np.minimum(shares * self.bins, self.bins - 1).astype(int))
         self.change_[square] = 1 + abs(episode.episodic_return - self.last_[square])
@@ -44,13 +44,13 @@ class Grid(Teacher):
 
 @dataclass
 class FreeGrid(Grid):
-    """The same, declared to need free dimensions."""
+    """Grid teacher that declares to need varying dimensions."""
 
     constant_dimensions: ClassVar[bool] = False
 
 
 @dataclass
 class SmallGrid(FreeGrid):
-    """The same with all limits that it has."""
+    """Grid teacher that declares all of its limits."""
 
     most_dimensions: ClassVar[int | None] = 3

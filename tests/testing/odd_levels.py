@@ -1,4 +1,4 @@
-"""A teacher outside the catalogue that cannot do without a mastery threshold, and uses no more."""
+"""Teacher outside the catalogue that requires exactly a mastery threshold."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Teachers that ask after every episode, as plug-ins may."""
+"""Teachers with a query after every episode."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tma_ray.teachers import Teacher
 
 @dataclass
 class AsksForValues(Teacher):
-    """Moves towards tasks of high value."""
+    """Samples near the task with the highest state value so far."""
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
         super().start(space, knowledge, rng)
@@ -33,7 +33,7 @@ class AsksForValues(Teacher):
 
 @dataclass
 class AsksForTrajectories(AsksForValues):
-    """Values tasks by the mean value along their trajectory."""
+    """Samples near the task with the highest mean state value along its trajectory."""
 
     wants_trajectory = True
 

@@ -1,4 +1,4 @@
-"""Short trajectories of every teacher, student and environment that ships, each reduced to a few numbers.
+"""Short trajectories of all shipped teachers, students and environments, reduced to a few numbers.
 
 Processors differ in the last bits of a sum, so that a hash of a trajectory would differ between machines. A
 trace is a row of weighted means over the whole trajectory instead: any change of behaviour moves it by far
@@ -65,7 +65,7 @@ ENVIRONMENT_TASKS = {
 
 
 def trace(values: ArrayLike) -> list[float]:
-    """Return `NUMBERS` weighted means of `values` (n, d), in units of each column's root mean square."""
+    """Return `NUMBERS` weighted means of values (n, d), scaled by the root mean squares of columns."""
     rows = np.asarray(values, dtype=np.float64)
     assert np.isfinite(rows).all()
     scale = np.sqrt(np.mean(rows**2, axis=0))
@@ -75,13 +75,13 @@ def trace(values: ArrayLike) -> list[float]:
 
 
 def teacher_traces(name: str) -> dict[str, list[float]]:
-    """Return the trace of the tasks that a teacher chooses at each level that makes a difference to it."""
+    """Return the traces of a teacher's tasks by level of expert knowledge that it uses."""
     return {level.value: trace(_tasks(name, level)) for level in TEACHERS.get(name).knowledge_levels}
 
 
 def student_traces(name: str) -> dict[str, list[float]]:
-    """Return the trace of a student's exploring actions, and of its greedy ones at the end."""
-    from students_support import Drift, small_student, train  # which a script finds later than a test
+    """Return the traces of a student: actions during training, and final greedy actions."""
+    from students_support import Drift, small_student, train  # deferred: not on the path of a script at first
 
     student = small_student(name)
     actions = [step.action for step in train(student, Drift(), STUDENT_STEPS)]
@@ -95,18 +95,18 @@ def student_traces(name: str) -> dict[str, list[float]]:
 
 
 def environment_traces(name: str) -> dict[str, list[float]]:
-    """Return by body the trace of observations and rewards under random actions."""
+    """Return the traces of observations and rewards under random actions, by body."""
     return {body: trace(_steps(name, body)) for body in embodiment_names()}
 
 
 def traces(part: str, name: str) -> dict[str, list[float]]:
-    """Return the traces of a "teacher", "student" or "environment" by what they are of."""
+    """Return the traces of a "teacher", "student" or "environment", by level, quantity or body."""
     of = {"teacher": teacher_traces, "student": student_traces, "environment": environment_traces}
     return of[part](name)
 
 
 def catalogue() -> list[tuple[str, str]]:
-    """Return part and name of all that ships, whatever else this process has registered."""
+    """Return part and name of all shipped components, without registered plug-ins."""
     registries = {"environment": ENVIRONMENTS, "student": STUDENTS, "teacher": TEACHERS}
     return [
         (part, name)
@@ -117,7 +117,7 @@ def catalogue() -> list[tuple[str, str]]:
 
 
 def version(part: str, name: str) -> str:
-    """Return the version whose behaviour is pinned; that of the physics counts for environments."""
+    """Return the version of a component, for environments with that of the physics."""
     registry: Any = {"environment": ENVIRONMENTS, "student": STUDENTS, "teacher": TEACHERS}[part]
     own = registry.algorithm_version(name)
     return f"{own}, physics {PHYSICS_VERSION}" if part == "environment" else str(own)

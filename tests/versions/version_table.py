@@ -1,4 +1,4 @@
-"""The table of versions, ``versions.json``: what each part did at its version, and what a release froze.
+"""Table of versions (``versions.json``): traces of components by version, and versions of releases.
 
 Renew it after a change of behaviour, with the versions of what changed raised::
 
@@ -35,7 +35,7 @@ def load() -> Table:
 
 
 def current() -> Table:
-    """Return the versions that this tree has, as an entry of "benchmarks"."""
+    """Return the present versions, as an entry of "benchmarks"."""
     algorithms: dict[str, dict[str, str]] = {}
     for part, name in catalogue():
         algorithms.setdefault(part, {})[name] = version(part, name)
@@ -48,14 +48,14 @@ def current() -> Table:
 
 
 def released(table: Table, part: str, name: str) -> str | None:
-    """Return the version of a part that the newest released benchmark has, None before the first."""
+    """Return the version of a component in the newest released benchmark, or None."""
     frozen = [entry for _, entry in sorted(_benchmarks(table)) if entry["released"]]
     found: str | None = frozen[-1]["algorithm_versions"].get(part, {}).get(name) if frozen else None
     return found
 
 
 def behaviour_problem(table: Table, part: str, name: str, found: dict[str, list[float]]) -> str | None:
-    """Return how the behaviour `found` contradicts the table, None if it does not."""
+    """Return a message if the traces `found` contradict the table, else None."""
     of, now = f"{part} {name!r}", version(part, name)
     pinned = table["traces"].get(part, {}).get(name)
     if pinned is None or pinned["version"] != now:
@@ -75,7 +75,7 @@ def behaviour_problem(table: Table, part: str, name: str, found: dict[str, list[
 
 
 def benchmark_problem(table: Table) -> str | None:
-    """Return how the benchmark's version contradicts the table, None if it does not.
+    """Return a message if the versions of the benchmark contradict the table, else None.
 
     A teacher, student or environment that is added changes no released run, and so needs no new version;
     the next ``--release`` freezes its behaviour with the others'.
@@ -100,10 +100,10 @@ def benchmark_problem(table: Table) -> str | None:
 
 
 def renewed(table: Table, found: dict[tuple[str, str], dict[str, list[float]]]) -> Table:
-    """Return the table with the versions of this tree and the behaviour `found`, by part and name.
+    """Return the table updated with the present versions and the traces `found` by part and name.
 
     Raises:
-        ValueError: a behaviour, or the benchmark, differs at a version that was released.
+        ValueError: if traces or the benchmark differ at a released version.
     """
     for (part, name), each in found.items():
         problem = behaviour_problem(table, part, name, each)
@@ -122,7 +122,7 @@ def renewed(table: Table, found: dict[tuple[str, str], dict[str, list[float]]]) 
 
 
 def main(arguments: list[str]) -> None:
-    """Renew the table, and freeze it if that is asked for."""
+    """Renew the table, and freeze it with ``--release``."""
     found = {(part, name): traces(part, name) for part, name in catalogue()}
     table = renewed(load(), found)
     if arguments == ["--release"]:
@@ -143,7 +143,7 @@ def _differs(found: dict[str, list[float]], pinned: dict[str, list[float]], key:
 
 
 def _text(table: Table) -> str:
-    """Return the table as JSON, each trace on a line of its own."""
+    """Return the table as JSON with one line per trace."""
     text = json.dumps(table, indent=1, sort_keys=True)
     lines: list[str] = []
     for line in text.splitlines():

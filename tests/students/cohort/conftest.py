@@ -1,11 +1,11 @@
-"""LearnerPool are updated as on a GPU, all slots at once; the slow tier updates them one by one, too."""
+"""Updates of all slots at once, as on a GPU; in the slow tier also one by one."""
 
 import pytest
 
 from tma_ray.students.cohort import learner
 
 
-# apart, as cohorts on a processor do in other tests
+# "apart" is the default on a CPU, and covered by other tests
 @pytest.fixture(params=["together", pytest.param("apart", marks=pytest.mark.slow)])
 def _both_ways(request, monkeypatch):
     if request.param == "together":

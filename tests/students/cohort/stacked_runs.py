@@ -1,4 +1,4 @@
-"""Small stacked learners of either kind, with runs whose networks and experience depend on a number only."""
+"""Small stacked learners of PPO and SAC, with runs that depend only on a seed."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def weights(seed: int, *shape: int) -> np.ndarray:
 
 
 class PPO:
-    """A lesson is a rollout of 40 steps, from which a run learns in 3 epochs of 2 mini-batches."""
+    """Stacked PPO; `learn` stores a rollout of 40 steps for 3 epochs of 2 mini-batches."""
 
     values: dict[str, Any] = {"hidden_units": HIDDEN, "steps_per_update": 40, "batch_size": 20, "epochs": 3}
 
@@ -47,7 +47,7 @@ class PPO:
 
     @staticmethod
     def experience(seed: int, epochs: int) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
-        """A rollout with probabilities on both sides of the clip of a policy like those of `networks`."""
+        """Return a rollout with probability ratios on both sides of PPO's clip range."""
         rng = np.random.default_rng(seed)
         observations = rng.normal(size=(40, OBSERVATION)).astype(np.float32)
         actions = rng.normal(size=(40, ACTION)).astype(np.float32)
@@ -63,7 +63,7 @@ class PPO:
 
 
 class SAC:
-    """A lesson is an episode of 30 steps, and 6 updates; a run begins with an episode."""
+    """Stacked SAC; `learn` stores an episode of 30 steps for 6 updates, and `join` one episode."""
 
     @staticmethod
     def learner(changes: dict[str, Any] | None = None, **options: Any) -> StackedSAC:
