@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from analysis.statistics.agreement import effect_correlation
+from analysis.comparisons.budgets import effect_correlation
 
 SPACES = (2, 4)
 TEACHERS, SEEDS = 10, (3, 5)

@@ -11,8 +11,9 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from analysis.statistics import agreement, paired, welch
-from analysis.statistics.agreement import effect_correlation
+from analysis.comparisons import budgets
+from analysis.comparisons.budgets import effect_correlation
+from analysis.statistics import paired, welch
 from analysis.statistics.samples import Estimate
 
 sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
@@ -75,7 +76,7 @@ def test_scale_and_level_of_a_space_make_no_difference() -> None:
 
 def test_draws_have_the_inverse_wishart_distribution() -> None:
     covariance, freedom = np.array([[4.0, 1.0], [1.0, 2.0]]), 12
-    drawn = agreement._drawn(covariance, freedom, rng(3))
+    drawn = budgets._drawn(covariance, freedom, rng(3))
     reference = stats.invwishart(df=freedom, scale=freedom * covariance)
     assert drawn.mean(axis=0) == pytest.approx(reference.mean(), rel=0.03)
     assert drawn.var(axis=0) == pytest.approx(reference.var(), rel=0.1)
@@ -83,7 +84,7 @@ def test_draws_have_the_inverse_wishart_distribution() -> None:
 
 @pytest.mark.parametrize("true", [0.0, 0.84])
 def test_intervals_hold_and_estimates_are_unbiased(true: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(agreement, "CORRELATION_DRAWS", 1_000)
+    monkeypatch.setattr(budgets, "CORRELATION_DRAWS", 1_000)
     generator = rng(4)
     found = [effect_correlation(spaces_of(generator, true, signal=1.0)) for _ in range(200)]
     assert np.mean([each.low <= true <= each.high for each in found]) > 0.91

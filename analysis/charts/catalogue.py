@@ -27,8 +27,8 @@ from analysis.comparisons.comparison import TeacherComparison
 from analysis.data.curricula import Axis, RunCurriculum, curriculum_of, moments
 from analysis.formatting import listed, number
 from analysis.measures.evaluations import RECENT, aggregate, mastered_tasks
+from analysis.measures.run_measures import NEARLY_ALL, trained_shares, with_trained_steps
 from analysis.measures.tested import HEADLINE, PAPERS, QUANTITIES
-from analysis.measures.trained import NEARLY_ALL, trained_shares, with_trained_steps
 from analysis.names import label, short_labels, teacher_order
 from tma_ray.support.texts import counted
 

@@ -26,8 +26,8 @@ from analysis.data.frames import object_strings
 from analysis.data.reference import is_baseline
 from analysis.formatting import estimate, interval_text, number
 from analysis.measures.evaluations import ceiling_sentences
+from analysis.measures.run_measures import NEARLY_ALL
 from analysis.measures.tested import FINAL, HEADLINE, MEASURES
-from analysis.measures.trained import NEARLY_ALL
 from analysis.names import label, short_title
 from analysis.tables.table import pipe_table
 from tma_ray.console.terminal import terminal

@@ -1,12 +1,14 @@
 """Agreement of the order of teachers after a small budget with their order after larger ones."""
 
 import itertools
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
 from analysis.data.columns import CHALLENGE, STRATA
@@ -15,7 +17,95 @@ from analysis.formatting import number, steps_text
 from analysis.measures.run_measures import evaluations_at
 from analysis.measures.tested import FINAL, HEADLINE
 from analysis.statistics import stratum_weights
-from analysis.statistics.agreement import EffectCorrelation, effect_correlation
+from analysis.statistics.samples import TAIL, Estimate
+
+CORRELATION_DRAWS = 20_000
+"""Number of random draws behind the interval of a correlation."""
+
+LEAST_FREEDOM = 4
+"""Least degrees of freedom of both covariances; with fewer, draws have no second moments."""
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class EffectCorrelation(Estimate):
+    """Correlation of true effects with its 95 % interval.
+
+    Attributes:
+        observed: Pearson's correlation of the observed means, less the mean of their space.
+        left_out: share of draws excluded from the interval for want of a positive variance of true effects.
+    """
+
+    observed: float = math.nan
+    left_out: float = math.nan
+
+
+def effect_correlation(spaces: Sequence[Mapping[Any, ArrayLike]]) -> EffectCorrelation:
+    """Return the correlation between two measures of the true effects of teachers.
+
+    The correlation of observed means is biased: upwards since both measures of a run share its luck, and
+    downwards since means of few seeds are noisy. Here the covariance between seeds is subtracted.
+
+    In each of C spaces teachers have n seeds; an effect is a teacher's mean less that of its space. With B,
+    the 2 x 2 matrix of mean squares and products between teachers (f degrees of freedom), and W, that between
+    seeds of a cell (g), the covariance of true effects is (B - W) / n. The estimate is its correlation,
+    clipped to [-1, 1], or NaN without a positive variance.
+
+    The interval is a generalised one for normal effects and seeds: B and W are replaced by f B^½ Q^-1 B^½ and
+    g W^½ R^-1 W^½, Q and R Wishart-distributed with f and g degrees of freedom; the interval has the middle
+    95 % of the correlations of these. Its coverage is simulated in ``benchmarks/agreement_coverage.py``.
+
+    Args:
+        spaces: values (n, 2), a row per seed and a column per measure, by teacher; one mapping per space.
+            For unequal n their harmonic mean is used.
+    """
+    samples = [[np.asarray(values, float) for values in space.values()] for space in spaces]
+    cells = [values for space in samples for values in space]
+    runs = sum(map(len, cells))
+    freedom, noise_freedom = len(cells) - len(samples), runs - len(cells)
+    if min(map(len, samples), default=0) < 2 or min(freedom, noise_freedom) < LEAST_FREEDOM:
+        reason = f"needs {LEAST_FREEDOM} degrees of freedom"
+        return EffectCorrelation(math.nan, math.nan, math.nan, runs, reason)
+    n = len(cells) / sum(1 / len(values) for values in cells)
+    means = [np.array([values.mean(axis=0) for values in space]) for space in samples]
+    effects = np.concatenate([matrix - matrix.mean(axis=0) for matrix in means])
+    residuals = np.concatenate([values - values.mean(axis=0) for values in cells])
+    between, within = n * effects.T @ effects / freedom, residuals.T @ residuals / noise_freedom
+    value, observed = (float(_correlations(matrix[None])[0]) for matrix in (between - within, between))
+    rng = np.random.default_rng(0)
+    drawn = _correlations(_drawn(between, freedom, rng) - _drawn(within, noise_freedom, rng))
+    usable = drawn[~np.isnan(drawn)]
+    left_out = 1 - len(usable) / CORRELATION_DRAWS
+    if math.isnan(value) or left_out > 0.5:
+        reason = "teachers differ by no more than chance"
+        return EffectCorrelation(value, math.nan, math.nan, runs, reason, observed, left_out)
+    low, high = np.quantile(usable, (1 - TAIL, TAIL))
+    return EffectCorrelation(value, float(low), float(high), runs, "", observed, left_out)
+
+
+def _drawn(covariance: Floats, freedom: int, rng: np.random.Generator) -> Floats:
+    """Return draws (n, 2, 2) of a true covariance matrix, given its estimate (2, 2).
+
+    Wishart matrices are L L' with Bartlett's lower triangular L.
+    """
+    values, vectors = np.linalg.eigh(covariance)
+    root = (vectors * np.sqrt(np.clip(values, 0.0, None))) @ vectors.T
+    first, second = (np.sqrt(rng.chisquare(freedom - column, CORRELATION_DRAWS)) for column in (0, 1))
+    inverse = np.zeros((CORRELATION_DRAWS, 2, 2))
+    inverse[:, 0, 0], inverse[:, 1, 1] = 1 / first, 1 / second
+    inverse[:, 1, 0] = -rng.standard_normal(CORRELATION_DRAWS) / (first * second)
+    half = root @ inverse.transpose(0, 2, 1)
+    return np.asarray(freedom * half @ half.transpose(0, 2, 1))
+
+
+def _correlations(covariances: Floats) -> Floats:
+    """Return the correlation in each matrix (m, 2, 2), clipped to [-1, 1], NaN without positive variances."""
+    first, second, both = covariances[:, 0, 0], covariances[:, 1, 1], covariances[:, 0, 1]
+    positive = (first > 0) & (second > 0)
+    product = np.where(positive, first * second, 1.0)
+    return np.where(positive, np.clip(both / np.sqrt(product), -1.0, 1.0), np.nan)
+
 
 BUDGETS: Final = (2_000_000, 5_000_000, 10_000_000, 20_000_000)
 """Budgets that are compared, in steps, the early one first."""

@@ -21,8 +21,8 @@ from analysis.data.frames import Frames
 from analysis.data.reference import BASELINE, is_baseline
 from analysis.formatting import estimate, few_seeds_warning, listed, number, steps_text
 from analysis.measures.pooling import condition_words, levels_together, runs_after, varying
+from analysis.measures.run_measures import trained_shares
 from analysis.measures.tested import FINAL, HEADLINE, TRAINED
-from analysis.measures.trained import trained_shares
 from analysis.names import challenge_title, distinct_labels, label, mark_of, title
 from tma_ray.support.component_names import split_name
 

@@ -17,8 +17,8 @@ from analysis.comparisons.verdicts import Verdict, on_both_axes
 from analysis.data.columns import STRATA
 from analysis.data.frames import Frames
 from analysis.measures.pooling import levels_together, runs_after
+from analysis.measures.run_measures import trained_areas, trained_curves, trained_shares
 from analysis.measures.tested import TRAINED
-from analysis.measures.trained import trained_areas, trained_curves, trained_shares
 
 
 @pytest.fixture(scope="module")

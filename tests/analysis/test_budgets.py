@@ -12,11 +12,10 @@ import pytest
 import analysis
 from analysis.charts.base import Curve, Label
 from analysis.charts.intervals import budget_chart
-from analysis.comparisons.budgets import BUDGETS, BudgetComparison, compare_budgets
+from analysis.comparisons.budgets import BUDGETS, BudgetComparison, compare_budgets, effect_correlation
 from analysis.data.frames import Frames
 from analysis.measures.pooling import runs_after
 from analysis.measures.tested import FINAL, HEADLINE
-from analysis.statistics.agreement import effect_correlation
 
 
 @pytest.fixture(scope="module")
