@@ -22,7 +22,6 @@ from analysis.charts.tasks import projected
 from analysis.comparisons.comparison import Measurements, TeacherComparison
 from analysis.comparisons.leaderboards import leaderboards
 from analysis.comparisons.pairwise import pairwise, pairwise_from_statistics
-from analysis.comparisons.verdicts import AXES
 from analysis.data.columns import CHALLENGE_LEVEL, COMPARED, COMPARISON
 from analysis.data.curricula import Axis
 from analysis.data.frames import Frames
@@ -30,6 +29,7 @@ from analysis.data.reference import BASELINE, is_baseline
 from analysis.measures.evaluations import ceiling_percent
 from analysis.measures.pooling import PLUS, by_conditions, pooled, result_runs
 from analysis.measures.run_measures import evaluations_at, run_measures, training_returns_at
+from analysis.measures.tested import AXES
 from analysis.names import title
 
 __all__ = [

@@ -11,9 +11,8 @@ from analysis.charts import base
 from analysis.comparisons.against_random import AgainstRandom
 from analysis.comparisons.budgets import BudgetComparison
 from analysis.comparisons.ranks import Rank
-from analysis.comparisons.verdicts import AXES
 from analysis.formatting import number, steps_text
-from analysis.measures.tested import FINAL, HEADLINE, TRAINED
+from analysis.measures.tested import AXES, FINAL, HEADLINE, TRAINED
 from analysis.names import label, marked_label, short_labels
 from analysis.statistics import describe, mean_percent_interval
 from analysis.teacher_styles import INK, MUTED, TeacherStyle, teacher_style

@@ -21,13 +21,12 @@ from analysis.charts.intervals import DIFFERENCES, ORDERS, budget_chart, differe
 from analysis.comparisons.against_random import FAMILY
 from analysis.comparisons.budgets import compare_budgets
 from analysis.comparisons.leaderboards import Entry, Leaderboard, leaderboards, notes
-from analysis.comparisons.verdicts import AXES
 from analysis.data.frames import object_strings
 from analysis.data.reference import is_baseline
 from analysis.formatting import estimate, interval_text, number
 from analysis.measures.evaluations import ceiling_sentences
 from analysis.measures.run_measures import NEARLY_ALL
-from analysis.measures.tested import FINAL, HEADLINE, MEASURES
+from analysis.measures.tested import AXES, FINAL, HEADLINE, MEASURES
 from analysis.names import label, short_title
 from analysis.tables.table import pipe_table
 from tma_ray.console.terminal import terminal

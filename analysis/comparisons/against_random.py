@@ -8,14 +8,13 @@ import numpy as np
 import pandas as pd
 
 from analysis.comparisons.pairwise import core_of, over_challenges
-from analysis.comparisons.verdicts import AXES, on_both_axes, verdict
 from analysis.data.columns import ACROSS, CONDITIONS, STRATA
 from analysis.data.frames import Frames
 from analysis.data.reference import BASELINE, NO_BASELINE
 from analysis.formatting import few_seeds_suffix, interval_text, number
 from analysis.measures.pooling import condition_words, varying
 from analysis.measures.run_measures import NEARLY_ALL, Curves, trained_areas, trained_curves, trained_shares
-from analysis.measures.tested import FINAL, HEADLINE, TRAINED
+from analysis.measures.tested import AXES, FINAL, HEADLINE, TRAINED, on_both_axes, verdict
 from analysis.names import label
 
 LARGEST = 100.0  # largest possible difference, in points

@@ -15,14 +15,13 @@ from analysis.comparisons.against_random import AgainstRandom, Gap, against_rand
 from analysis.comparisons.aggregates import improvements, profiles, stratified_means
 from analysis.comparisons.pairwise import pairwise
 from analysis.comparisons.ranks import Rank, ranks
-from analysis.comparisons.verdicts import AXES
 from analysis.data.columns import ACROSS, CHALLENGE, PARTS, STRATA
 from analysis.data.frames import Frames
 from analysis.data.reference import BASELINE, is_baseline
 from analysis.formatting import estimate, few_seeds_warning, listed, number, steps_text
 from analysis.measures.pooling import condition_words, levels_together, runs_after, varying
 from analysis.measures.run_measures import trained_shares
-from analysis.measures.tested import FINAL, HEADLINE, TRAINED
+from analysis.measures.tested import AXES, FINAL, HEADLINE, TRAINED
 from analysis.names import challenge_title, distinct_labels, label, mark_of, title
 from tma_ray.support.component_names import split_name
 

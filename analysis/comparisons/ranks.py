@@ -12,11 +12,10 @@ import pandas as pd
 
 from analysis.comparisons.aggregates import stratified_means
 from analysis.comparisons.pairwise import core_of, corrected, from_both_sides, over_challenges
-from analysis.comparisons.verdicts import AXES
 from analysis.data.columns import ACROSS
 from analysis.data.reference import is_baseline
 from analysis.formatting import few_seeds_suffix, listed, steps_text
-from analysis.measures.tested import HEADLINE
+from analysis.measures.tested import AXES, HEADLINE
 from analysis.names import label
 from analysis.statistics import SIGNIFICANCE
 from tma_ray.support.texts import counted

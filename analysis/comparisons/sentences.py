@@ -6,7 +6,6 @@ import numpy as np
 import pandas as pd
 
 from analysis.comparisons.pairwise import CORRECTED, TEST, pairwise
-from analysis.comparisons.verdicts import THAN, Verdict, on_both_axes, verdict
 from analysis.data import columns
 from analysis.data.frames import Frames
 from analysis.data.reference import BASELINE, NO_BASELINE, is_baseline
@@ -21,7 +20,7 @@ from analysis.formatting import (
     steps_text,
 )
 from analysis.measures import pooling
-from analysis.measures.tested import FINAL, HEADLINE, PAPERS
+from analysis.measures.tested import FINAL, HEADLINE, PAPERS, THAN, Verdict, on_both_axes, verdict
 from analysis.names import challenge_title, label, title
 from analysis.statistics import SIGNIFICANCE, Method
 from tma_ray.support.texts import counted

@@ -24,14 +24,13 @@ from analysis.comparisons.pairwise import pairwise, pairwise_from_statistics
 from analysis.comparisons.planning import plans_against_random
 from analysis.comparisons.ranks import Rank, ranks
 from analysis.comparisons.sentences import challenge_titles, sentences
-from analysis.comparisons.verdicts import AXES
 from analysis.data.columns import CHALLENGE_LEVEL, COMPARED, SETTINGS
 from analysis.data.frames import Frames, object_strings
 from analysis.data.reference import PAPER
 from analysis.formatting import listed, number, p_value, plus_minus, steps_text
 from analysis.measures.evaluations import aggregate
 from analysis.measures.pooling import by_students, parts_of, pooled
-from analysis.measures.tested import FINAL, HEADLINE, MEASURES, PAPERS, QUANTITIES, how_tested
+from analysis.measures.tested import AXES, FINAL, HEADLINE, MEASURES, PAPERS, QUANTITIES, how_tested
 from analysis.names import label, own_first, teacher_order
 from analysis.pages.page import controls, overall_section, page, page_folder, write_page
 from analysis.pages.sections import Columns, Section, by_step, overview

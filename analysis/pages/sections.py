@@ -18,12 +18,11 @@ from analysis.comparisons.comparison import Measurements, TeacherComparison
 from analysis.comparisons.leaderboards import Leaderboard, leaderboards, notes
 from analysis.comparisons.pairwise import along_baseline
 from analysis.comparisons.sentences import findings
-from analysis.comparisons.verdicts import AXES, Verdict, on_both_axes, verdict
 from analysis.data.columns import FILTERS
 from analysis.data.frames import Frames
 from analysis.data.reference import is_baseline
 from analysis.formatting import few_seeds_warning, number, p_value, plus_minus, steps_text
-from analysis.measures.tested import FINAL, HEADLINE
+from analysis.measures.tested import AXES, FINAL, HEADLINE, Verdict, on_both_axes, verdict
 from analysis.names import short_title, teacher_order
 from analysis.statistics import describe
 

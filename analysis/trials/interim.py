@@ -12,13 +12,12 @@ import pandas as pd
 
 from analysis.baselines.catalogue import Baseline
 from analysis.comparisons.against_random import LARGEST
-from analysis.comparisons.verdicts import AXES, on_both_axes
 from analysis.data.columns import CELL_COLUMNS
 from analysis.data.frames import Frames
 from analysis.data.reference import is_baseline
 from analysis.formatting import interval_text, number
 from analysis.measures.evaluations import aggregate
-from analysis.measures.tested import FINAL, HEADLINE
+from analysis.measures.tested import AXES, FINAL, HEADLINE, on_both_axes
 from analysis.names import label
 from analysis.trials.boundaries import median_unbiased
 from analysis.trials.design import (

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from tma_ray.embodiments import Embodiment, load_embodiment
-from tma_ray.envs.base import RenderOptions, scene_of
 from tma_ray.envs.drawing import Renderer, height_at
+from tma_ray.envs.scene import RenderOptions, scene_of
 from tma_ray.physics import Engine, Rules, make_engine
 from tma_ray.physics.kernels import NOTHING
 from tma_ray.terrain import Terrain

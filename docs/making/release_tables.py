@@ -18,11 +18,10 @@ from analysis.comparisons.against_random import Gap, against_random
 from analysis.comparisons.leaderboards import leaderboards
 from analysis.comparisons.pairwise import corrected, over_challenges, pairwise
 from analysis.comparisons.planning import LITE
-from analysis.comparisons.verdicts import AXES, on_both_axes, verdict
 from analysis.formatting import steps_text
 from analysis.measures.pooling import runs_after
 from analysis.measures.run_measures import NEARLY_ALL, trained_shares
-from analysis.measures.tested import HEADLINE, TRAINED
+from analysis.measures.tested import AXES, HEADLINE, TRAINED, on_both_axes, verdict
 from analysis.names import challenge_title, distinct_labels, label, short_title, teacher_order
 from analysis.statistics import SIGNIFICANCE, Description, holm, welch, welch_from_statistics
 from tma_ray.benchmark.experiments import TEACHERS as TEACHERS_OF_THE_PAPER

@@ -13,12 +13,11 @@ from synthetic_pools import cell, pool
 from analysis.baselines import find_baseline
 from analysis.comparisons.against_random import against_random
 from analysis.comparisons.pairwise import pairwise
-from analysis.comparisons.verdicts import Verdict, on_both_axes
 from analysis.data.columns import STRATA
 from analysis.data.frames import Frames
 from analysis.measures.pooling import levels_together, runs_after
 from analysis.measures.run_measures import trained_areas, trained_curves, trained_shares
-from analysis.measures.tested import TRAINED
+from analysis.measures.tested import TRAINED, Verdict, on_both_axes
 
 
 @pytest.fixture(scope="module")

@@ -10,11 +10,10 @@ from synthetic_results import SyntheticCampaign
 from analysis import load
 from analysis.baselines import add_to_release
 from analysis.comparisons.pairwise import pairwise
-from analysis.comparisons.verdicts import AXES, verdict
 from analysis.data.reference import BASELINE
 from analysis.formatting import number
 from analysis.measures.pooling import runs_after
-from analysis.measures.tested import FINAL
+from analysis.measures.tested import AXES, FINAL, verdict
 from analysis.pages.report import subject, write_report
 from analysis.pages.sections import answers
 

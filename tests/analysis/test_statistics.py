@@ -16,9 +16,9 @@ from synthetic_pools import cells, pool
 from analysis.comparisons.pairwise import pairwise, pairwise_from_statistics
 from analysis.comparisons.ranks import ranks
 from analysis.comparisons.sentences import ranked
-from analysis.comparisons.verdicts import verdict
 from analysis.data.reference import paper_frame
 from analysis.measures.pooling import pooled
+from analysis.measures.tested import verdict
 from analysis.statistics import (
     Description,
     Method,

@@ -10,7 +10,6 @@ import pytest
 from parkour_worlds import parkour_rules, parkour_world
 
 from tma_ray.embodiments import load_embodiment
-from tma_ray.envs.base import RenderOptions, Scene, scene_of
 from tma_ray.envs.drawing import (
     DEAD_HEAD,
     GOAL,
@@ -28,6 +27,7 @@ from tma_ray.envs.drawing import (
     height_at,
     view_of,
 )
+from tma_ray.envs.scene import RenderOptions, Scene, scene_of
 from tma_ray.physics import engine_in_use, make_engine
 from tma_ray.terrain import Terrain
 from tma_ray.terrain.stump_tracks import stump_tracks

@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING
 from tma_ray.support.lazy_imports import attach
 
 if TYPE_CHECKING:
-    from tma_ray.envs.base import RenderOptions
     from tma_ray.envs.catalogue import ENVIRONMENTS
     from tma_ray.envs.registration import (
         Environment,
@@ -14,6 +13,7 @@ if TYPE_CHECKING:
         mastery_return,
         register_environments,
     )
+    from tma_ray.envs.scene import RenderOptions
     from tma_ray.envs.vector import VectorEnvironment, make_vector_environment
     from tma_ray.physics import Signal
 

@@ -7,7 +7,7 @@ import pygame
 from numpy.typing import NDArray
 
 from tma_ray.embodiments import Embodiment
-from tma_ray.envs.base import RenderOptions, Scene
+from tma_ray.envs.scene import RenderOptions, Scene
 from tma_ray.terrain import GROUND_HEIGHT, Terrain
 
 Colour = tuple[int, int, int]
