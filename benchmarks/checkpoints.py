@@ -62,7 +62,7 @@ def timed_save(run: Run, checkpoints: Checkpoints) -> dict[str, float]:
 
 
 def measure(student: str, transitions: int, more: Sequence[int]) -> dict[str, Any]:
-    """Return sizes and times of a first checkpoint, of ones after `more` transitions, and of a restore."""
+    """Return sizes and times of a first checkpoint, of checkpoints after `more` transitions, of a restore."""
     rng = np.random.default_rng(0)
     with tempfile.TemporaryDirectory() as place:
         store = Store.open(place)

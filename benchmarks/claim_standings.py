@@ -36,7 +36,7 @@ STATEMENTS: dict[str, Callable[[Comparison], Standing]] = {
 
 
 def standings(difference: float, seeds: int, challenges: int, experiments: int) -> dict[str, list[float]]:
-    """Return the % of experiments in which statements are supported, undecided and refuted."""
+    """Return the % of experiments that support, leave undecided and refute each statement."""
     rng = np.random.default_rng([int(difference), seeds, challenges])
     order = [Standing.SUPPORTED, Standing.UNDECIDED, Standing.REFUTED]
     counts = {name: np.zeros(3) for name in STATEMENTS}

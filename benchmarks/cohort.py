@@ -141,7 +141,7 @@ def wait(device: torch.device) -> None:
 
 
 def advance(student: str, stack: Any, updates: int) -> None:
-    """Update all slots, after new work for those without any."""
+    """Give new work to idle slots, then update all slots."""
     for slot in np.flatnonzero(stack.owed == 0):
         STUDENTS[student].work(stack, int(slot))
     stack.advance(updates)
@@ -235,7 +235,7 @@ def variants(options: argparse.Namespace) -> Iterator[tuple[str, int, str, bool]
 
 
 def longest(options: argparse.Namespace, compiled: bool) -> float:
-    """Return the longest time of a variant, s; an autotuning compiler takes minutes."""
+    """Return the time limit of a variant, s; an autotuning compiler takes minutes."""
     return 3 * float(options.seconds) + (200.0 if compiled else 20.0)
 
 

@@ -84,7 +84,7 @@ def step_microseconds(model: PPO) -> float:
 
 
 def training_microseconds(turns: int) -> list[tuple[float, float]]:
-    """Return the processor times of a training step without and with a teacher, by turn, in µs."""
+    """Return the processor times of a training step without and with a teacher, measured in turn, in µs."""
     curriculum = Curriculum(SlowTeacher, SPACE, mastery_return=-300.0)
     alone: Any = gymnasium.make("Pendulum-v1")
     taught = curriculum.wrap(gymnasium.make("Pendulum-v1"), set_task)

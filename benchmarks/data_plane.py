@@ -58,7 +58,7 @@ class Idle(LearnerServer):
 
 
 class Learning:
-    """Actor with an `Idle` learner behind a socket, and the same exchange as a call."""
+    """Actor with an `Idle` learner, reached by a socket or by calls of `learn`."""
 
     def __init__(self, folder: str) -> None:
         self._learner, self._weights = Learner(f"{folder}/learner", b"key"), weights()
@@ -107,7 +107,7 @@ def median(exchange: Callable[[], object], count: int) -> float:
 
 
 def main() -> int:
-    """Measure both ways, and print the times."""
+    """Measure exchanges by socket and by calls, and print the times."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=str(__doc__))
     parser.add_argument("--exchanges", type=int, default=500, help="of each kind")
     count = parser.parse_args().exchanges

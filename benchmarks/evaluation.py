@@ -59,7 +59,7 @@ class Timed:
 
 
 def in_lock_step(evaluation: Evaluation, student: Student) -> dict[str, float]:
-    """Play the test set in lock-step; return steps, and microseconds per step with the share of acting."""
+    """Play the test set in lock-step; return steps, mean return, and microseconds per step."""
     timed = Timed(student)
     start = time.process_time()
     rows = evaluation(timed.act_greedily)
@@ -104,7 +104,7 @@ def measure(student: Student, repeats: int) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Measure both ways in turn."""
+    """Measure evaluations in lock-step and one by one, in turn."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--training-steps", type=int, default=1_000_000)
     parser.add_argument("--repeats", type=int, default=3)

@@ -61,7 +61,7 @@ class Tests(NamedTuple):
 
 
 class Families(NamedTuple):
-    """Adjusted p-values of all pairs of the core, and of Random's pairs."""
+    """Adjusted p-values of two families of tests: all pairs of core teachers, and pairs with Random."""
 
     pairs: Floats
     random: Floats
@@ -145,7 +145,7 @@ METHODS: dict[str, Callable[[Floats, Release], Families]] = {
 
 
 def simulated(release: Release, seeds: int, experiments: int, *, half: bool) -> list[str]:
-    """Return the % of experiments with a false finding, and of those in which all intervals cover.
+    """Return the % of experiments with a false finding, and with all true differences in the intervals.
 
     Of all pairs, of Random's pairs, and of those of a newcomer, the last teacher, whose tests have the least
     variances of the others.

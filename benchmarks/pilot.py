@@ -223,7 +223,13 @@ def evaluations(root: str, run_ids: Collection[str] | None = None) -> pd.DataFra
 
 
 def areas(found: pd.DataFrame, until: int | None = None, column: str = "mastered_percent") -> pd.DataFrame:
-    """Return area and last three (in %) of the runs that reached their budgets, or `until` steps."""
+    """Return mean mastered % over training and over the last three evaluations, of runs that reached `until`.
+
+    Args:
+        found: evaluations of runs.
+        until: step, by default the budget of each run.
+        column: measure of the evaluations.
+    """
     rows = []
     for key, run in found.groupby(RUN, observed=True):
         end = until or key[-2]
@@ -235,12 +241,12 @@ def areas(found: pd.DataFrame, until: int | None = None, column: str = "mastered
 
 
 def every_second(found: pd.DataFrame) -> pd.DataFrame:
-    """Return the evaluations of the present schedule, every second one."""
+    """Return every second evaluation, as in the present schedule."""
     return found[found["step"] % INTERVAL == 0]
 
 
 def screened(found: pd.DataFrame) -> pd.DataFrame:
-    """Return mean and deviation of area and last three by student of the screening, best first."""
+    """Return mean and deviation of the measures of `areas` by student of the screening, best first."""
     runs = areas(every_second(found))
     runs = runs[(runs["challenge"] == "original") & (runs["teacher"] == "random")]
     runs = runs[runs["seed"].isin(SEEDS["screen"])]
@@ -259,7 +265,7 @@ def finalists(found: pd.DataFrame) -> list[str]:
 
 
 def noise_of(runs: pd.DataFrame, measure: str) -> Estimate:
-    """Return the signal-to-noise ratio of one student's runs, by the square root of a measure."""
+    """Return the signal-to-noise ratio of one student's runs, on the square root of a measure."""
     strata = [
         {str(teacher): np.sqrt(own[measure].to_numpy()) for teacher, own in space.groupby("teacher")}
         for _, space in runs.groupby(["challenge", "embodiment"])

@@ -42,7 +42,7 @@ class Player:
     """Actor that executes runs without steps, one after the other."""
 
     def run(self, run_id: str, store: Store, number: int) -> tuple[PartFile, ...]:
-        """Execute a run without rows; return its result files."""
+        """Finish a run with empty tables; return its result files."""
         return RunWriter(store, run_id, number).finish()
 
     def nothing(self) -> None:

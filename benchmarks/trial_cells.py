@@ -166,7 +166,7 @@ def row(name: str, cells: Sequence[Cell], everything: Sequence[Cell] = ()) -> di
 
 
 def simulated(cells: Sequence[Cell], trials: int) -> dict[str, float]:
-    """Return core-hours and share of decided trials, simulated with the core's teachers as new ones.
+    """Return core-hours and share of decided trials, in simulations with each core teacher as the new one.
 
     True differences from Random are those observed in these cells.
     """

@@ -59,13 +59,13 @@ class HillClimber(Student):
             self.trial, self.episodic_return = self._changed(), 0.0
 
     def state_values(self, observations: np.ndarray) -> np.ndarray:
-        return np.full(len(observations), max(self.best_return, -1e6))  # no estimate by observation
+        return np.full(len(observations), max(self.best_return, -1e6))  # the same for all observations
 
     def save(self, folder: Path, incremental: bool = False) -> tuple[str, ...]:
         np.savez(folder / "weights.npz", best=self.best, trial=self.trial)
         others = {"rng": self.rng.bit_generator.state, "best_return": self.best_return}
         (folder / "others.json").write_text(json.dumps(others))
-        return ()  # no file was left out
+        return ()  # all files were saved
 
     def load(self, folder: Path) -> None:
         with np.load(folder / "weights.npz") as weights:

@@ -72,7 +72,7 @@ def _panel(
     teacher = str(shares["teacher"].iloc[0])
     rows, steps = pd.factorize(shares["step"])
     columns = pd.Index(tasks).get_indexer(shares["task_index"])
-    table = np.full((len(steps), len(tasks) + 1), np.nan)  # last column (-1): tasks of other sets
+    table = np.full((len(steps), len(tasks) + 1), np.nan)  # last column (index -1): tasks of other test sets
     table[rows, columns] = 100 * shares["share"].to_numpy(np.float64)
     percents = dict(zip(steps, table[:, :-1].round(1), strict=True))
 

@@ -244,7 +244,8 @@ def _(mark: base.Polygons, _: base.Panel) -> Iterator[Trace]:
 
 @_traces_of.register
 def _(mark: base.ReferenceLine, panel: base.Panel) -> Iterator[Trace]:
-    if panel.y.kind is base.AxisKind.TEACHERS:  # drawn by the layout: numbers in a trace replace row names
+    # The layout draws it on an axis of teachers, since numbers in a trace would replace the names.
+    if panel.y.kind is base.AxisKind.TEACHERS:
         return
     curves = [mark.x for mark in panel.marks if isinstance(mark, base.Curve) and len(mark.x)]
     ends = [min(x.min() for x in curves), max(x.max() for x in curves)] if curves else [0.0, 1.0]

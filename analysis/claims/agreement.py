@@ -84,7 +84,7 @@ Ranked: TypeAlias = dict[str, tuple[Sample, list[Description]]]
 
 
 def _rankings(root: RootSource) -> Iterator[tuple[Reading, tuple[KnowledgeLevel, ...], Ranked]]:
-    """Yield rankings to compare: a reading with the challenge, levels that share runs, teachers' results."""
+    """Yield each pair of rankings to compare: challenge, levels with the same runs, teachers' results."""
     paper = PaperSource()
     for environment, challenge in dict.fromkeys((m.environment, m.challenge) for m in MATRICES):
         by_runs: dict[object, tuple[list[KnowledgeLevel], Ranked]] = {}

@@ -62,7 +62,7 @@ class ClaimVerdict:
 
     @property
     def standing_text(self) -> str:
-        """Standing as text, with the conditions of the results if it is "not seen here"."""
+        """Verdict as text, with the conditions of the results if it is "not seen here"."""
         return f"{self.standing} ({self.conditions})" if self.standing is Standing.NOT_SEEN else self.standing
 
     def describe(self) -> str:
@@ -114,7 +114,7 @@ Levels: TypeAlias = Mapping[Reading, tuple[KnowledgeLevel, ...]]
 
 
 def _distinct(claim: Claim, source: Source) -> list[tuple[Statement, Levels]]:
-    """Return the statements of a claim, those on the same runs merged, with the levels of their readings."""
+    """Return the statements of a claim, with the levels of their readings; merge those on the same runs."""
     groups: dict[object, list[Statement]] = {}
     for index, statement in enumerate(claim.statements):
         samples = [source.sample(reading) for reading in _readings(statement)]

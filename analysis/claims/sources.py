@@ -44,7 +44,7 @@ from tma_ray.support.component_names import base_name
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """Runs, or published statistics, behind a reading of a claim."""
+    """Results for a reading of a claim: values of runs, or published statistics."""
 
     description: Description  # n, mean (over strata) and std of mastered %
     strata: Mapping[str, pd.Series] = field(default_factory=dict)  # runs' values by body and student
@@ -123,7 +123,7 @@ class PaperSource:
     """Source of the paper's tables: results at the end of training, by body only in Parkour."""
 
     def sample(self, reading: Reading) -> Sample | None:
-        """Return the entry of a reading, or None if the tables have none."""
+        """Return the published result for a reading, or None if there is none."""
         entries = [result for result in _entries(reading) if result.teacher == reading.teacher]
         if reading.share < 1 or not entries:
             return None
@@ -131,7 +131,7 @@ class PaperSource:
         return Sample(Description(entry.seeds, entry.mean, entry.std))
 
     def teachers(self, reading: Reading) -> Sequence[str]:
-        """Return the teachers with an entry on the challenge and at the level of a reading."""
+        """Return the teachers with a published result on the challenge and at the level of a reading."""
         return sorted({result.teacher for result in _entries(reading)})
 
     def other_conditions(self, _reading: Reading) -> str:
@@ -228,7 +228,7 @@ def _sample(labels: NDArray[np.object_], values: pd.Series, seeds: Seeds) -> Sam
 
 
 def _with_least(samples: Mapping[str, Sample]) -> dict[str, Sample]:
-    """Return samples by teacher, with the least variance of each stratum over all of them."""
+    """Return samples by teacher, with the least variance of each stratum, computed over all teachers."""
     groups: dict[str, list[pd.Series]] = {}
     for sample in samples.values():
         for name, values in sample.strata.items():

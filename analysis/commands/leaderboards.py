@@ -1,4 +1,4 @@
-"""Leaderboards in the terminal and as Markdown: the answer, the table, and details on demand.
+"""Leaderboards in the terminal and as Markdown.
 
 `names` are names of releases, folders or addresses of results; all known releases by default, the newest
 first. An unknown or damaged release raises `BaselineError`, and an address without results
@@ -104,7 +104,7 @@ def show_leaderboards(
 
 
 def show_board(board: Leaderboard, console: Console) -> None:
-    """Print a leaderboard: its answer, its table and the notes on it."""
+    """Print a leaderboard: sentences on the best teachers, a table, and notes."""
     if answer := board.answer():
         tell(console, answer)
     console.print(_table(board))

@@ -105,7 +105,7 @@ def rich_table(table: pd.DataFrame, title: str) -> Table:
 
 
 def _rows(frame: pd.DataFrame) -> Iterator[tuple[str, str, pd.DataFrame]]:
-    """Yield a teacher, levels at which its runs are the same, and these runs, per row of a table."""
+    """Yield a teacher, its levels with the same runs, and these runs, one item per table row."""
     for teacher in dict.fromkeys(frame["teacher"]):
         rows = frame[frame["teacher"] == teacher]
         used = rows.drop_duplicates("expert_knowledge").set_index("expert_knowledge")["effective_knowledge"]

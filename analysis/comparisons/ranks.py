@@ -45,7 +45,7 @@ class Rank:
     worse: tuple[str, ...]  # teachers with a higher mean, p < 0.05 after Holm's correction
     undecided: tuple[str, ...]  # ranked teachers without a significant difference
     left_out: tuple[str, ...]  # unranked teachers, which lack some of its challenges
-    chance: float  # probability of the highest true mean among teachers on as many challenges
+    chance: float  # probability of the highest true mean, among teachers with as many challenges
 
     @property
     def best(self) -> int:
@@ -157,7 +157,7 @@ def _standing(mean: Mapping[str, Any], tests: pd.DataFrame) -> dict[str, Any]:
 
 
 def _chances(means: Mapping[str, Mapping[str, Any]]) -> dict[str, float]:
-    """Return each teacher's probability of the highest true mean among teachers on as many challenges.
+    """Return each teacher's probability of the highest true mean, among those with as many challenges.
 
     True means are drawn independently from Student's t around the observed means.
     """

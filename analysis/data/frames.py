@@ -191,7 +191,7 @@ def computed_once(
 
 
 def positions(run_ids: pd.Series) -> dict[str, NDArray[np.int64]]:
-    """Return the row numbers of each run, in ascending order, by run id in the column `run_ids` (n,)."""
+    """Return the row numbers of each run, in ascending order, by run id; `run_ids` (n,) is the column."""
     categories = run_ids.astype("category").cat
     order = np.argsort(categories.codes.to_numpy(), kind="stable")
     ends = np.cumsum(np.bincount(categories.codes, minlength=len(categories.categories)))
@@ -264,7 +264,7 @@ def training_warnings(training: pd.DataFrame) -> list[str]:
 
 
 def named_runs(run_ids: pd.Series) -> str:
-    """Return the number of distinct run ids and the first few of them, as text of a warning."""
+    """Return the number and the first ids of runs as text, such as ``2 runs: a, b``."""
     runs = sorted(set(run_ids))
     more = f" and {len(runs) - SHOWN_RUNS} more" if len(runs) > SHOWN_RUNS else ""
     return f"{counted(len(runs), 'run')}: {', '.join(runs[:SHOWN_RUNS])}{more}"

@@ -58,14 +58,14 @@ def _join(cells: pd.DataFrame, runs: pd.DataFrame) -> pd.DataFrame:
     single = alone.reindex(columns=cells.columns).assign(campaign="", experiment="single runs")
     cells = pd.concat([cells, single], ignore_index=True) if len(single) else cells
     joined = cells.merge(runs[["run_id", *FROM_RUN]], on="run_id", how="left")
-    # Only campaigns of this engine have waiting runs.
+    # Cells without a run are waiting, and belong to campaigns with this engine.
     joined = joined.fillna({"engine": CHIPMUNK, "status": "waiting", "error": ""})
     # Several campaigns may list the same cell, whose runs count once.
     return joined.drop_duplicates([*GROUP, "run_id"]).reset_index(drop=True)
 
 
 def joined(frames: Sequence[Frames]) -> Frames:
-    """Return the runs of several roots as if from one, each run once, with unambiguous names.
+    """Join the runs of several roots, without duplicates and with unambiguous names.
 
     A run of several roots is read from the one in which it got furthest, or else from the first of them. If
     any root has a core, cells of roots without one are not of the core.

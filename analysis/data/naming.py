@@ -100,7 +100,7 @@ def _with_plain_names(cells: pd.DataFrame) -> pd.DataFrame:
 
 
 def _variants(cells: pd.DataFrame, column: str) -> list[tuple[Any, ...]]:
-    """Return what identifies the part of a run in `column`: scope, name and settings, row by row."""
+    """Return the values that distinguish the components in `column`, one tuple per row of `cells`."""
     scope = [*NAME_SCOPE, "environment"] if column == "challenge" else NAME_SCOPE
     codes, texts = pd.factorize(cells["identity"], use_na_sentinel=False)
     settings = [_settings(text, column) for text in texts]

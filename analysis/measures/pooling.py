@@ -77,7 +77,7 @@ def parts_of(pool: str) -> list[tuple[str, str]]:
 
 
 def shipped_together(environments: Iterable[str]) -> dict[tuple[str, str, str], tuple[str, ...]]:
-    """Return the shipped test sets that count as one, by engine, environment and challenge."""
+    """Return the shipped test sets that are pooled, by engine, environment and challenge."""
     return {
         (engine, environment, name): tuple(
             sorted(
@@ -207,7 +207,7 @@ Columns: TypeAlias = Mapping[str, NDArray[Any]]
 
 
 def _split(table: pd.DataFrame, number: str) -> dict[int, Columns]:
-    """Return the rows of each number, in ascending order, as arrays (faster than thousands of frames)."""
+    """Return the rows by their value of `number`, as arrays (faster than thousands of frames)."""
     numbers = table[number].to_numpy()
     order = np.argsort(numbers, kind="stable")
     keys, starts = np.unique(numbers[order], return_index=True)

@@ -203,7 +203,7 @@ NEARLY_ALL = 95.0  # percentage of trained steps below which a teacher is also c
 
 @computed_once
 def trained_steps(frames: Frames) -> pd.DataFrame:
-    """Return the steps of each run that were trained up to the end of each training window.
+    """Return the number of trained steps of each run, up to the end of each training window.
 
     Steps of episodes that only score tasks are not trained. An episode counts to the window of its end.
 

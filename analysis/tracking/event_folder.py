@@ -118,7 +118,7 @@ class RunEvents:
 
 
 def _common(points: Sequence[Point], written: Mapping[str, deque[tuple[int, float]]]) -> int:
-    """Return the number of first points that are already in `written`, and remove them from it."""
+    """Remove the first points from `written` as far as they agree with it, and return their number."""
     for index, (step, scalars) in enumerate(points):
         expected = {tag: (step, float(np.float32(value))) for tag, value in scalars.items()}
         if any(not written.get(tag) or written[tag][0] != value for tag, value in expected.items()):

@@ -82,7 +82,7 @@ def watch(tracker: Tracker) -> Iterator[int]:
 
 
 def first_experiments(results: Results, manifests: Iterable[Manifest]) -> dict[str, str]:
-    """Return an experiment of each run by run id: the first in the order of campaigns and names."""
+    """Return the first experiment of each run, ordered by campaign and name, by run id."""
     cells = _rows(results, Table.CELLS, _ids(manifests), ["run_id", "campaign", "experiment"])
     cells = cells.sort_values(["campaign", "experiment"], kind="stable").drop_duplicates("run_id")
     return dict(zip(cells["run_id"], cells["experiment"], strict=True))

@@ -121,7 +121,7 @@ class Design:
 
     @property
     def axes(self) -> tuple[str, ...]:
-        """Measures of the design, starting with the one it is made for."""
+        """Measures that the trial compares, `HEADLINE` first."""
         return AXES if all(cell.end for cell in self.cells) else AXES[:1]
 
     def estimand(self, measure: str = HEADLINE) -> rules.Estimand:

@@ -30,7 +30,7 @@ PROGRESS: Final = re.compile(r"^\d+/\d+ runs done, .*(left|waiting|running|steps
 
 
 def run(command: str, binaries: Path, folder: Path) -> str:
-    """Run a command in a shell of 80 columns; return it with its output, without progress, and its seconds.
+    """Run a command in a shell of 80 columns; return its transcript (without progress) and duration as text.
 
     Raises:
         SystemExit: if the command fails.

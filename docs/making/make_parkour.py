@@ -129,7 +129,7 @@ def world_of(view: View, cppn: CPPN) -> tuple[Terrain, NDArray[np.float32]]:
 
 
 def level_place(segments: NDArray[np.float64], x: float) -> float:
-    """Return the level place of the ground or ceiling that is nearest to `x`, in m."""
+    """Return the x coordinate nearest to `x` at which the ground or ceiling is level, in m."""
     lefts, heights = segments[1:-1, 0], segments[1:-1, 1]
     spread = [np.ptp(heights[np.abs(lefts - left) < LEVEL[0]]) for left in lefts]
     level = lefts[np.array(spread) <= max(LEVEL[1], min(spread))]

@@ -68,7 +68,7 @@ def judge(task: np.ndarray, body_type: str, cppn: CPPN) -> float:
 
 
 def thirds(body_type: str, cppn: CPPN, rng: np.random.Generator) -> tuple[np.ndarray, float]:
-    """Return the difficulties (2,) between thirds of feasible tasks of the medium space, and their share."""
+    """Return the terciles (2,) of difficulty of feasible tasks in the medium space, and their share."""
     values = np.array([judge(inside(rng), body_type, cppn) for _ in range(REFERENCE_TASKS)])
     feasible = values[np.isfinite(values)]
     return np.quantile(feasible, [1 / 3, 2 / 3]), len(feasible) / len(values)
@@ -98,7 +98,7 @@ def choose(
 
 
 def make(name: str, seed: int, cppn: CPPN) -> TestSet:
-    """Return the test set of a body type: tasks by source, the medium space first, and by difficulty."""
+    """Return the test set of a body type, sorted by source (medium space first) and difficulty."""
     body_type, rng = BODY_TYPES[name], np.random.default_rng(seed)
     cuts, share = thirds(body_type, cppn, rng)
     print(f"{name}: thirds cut at {cuts.round(3).tolist()}; {share:.1%} of the medium space are feasible")

@@ -1,4 +1,4 @@
-"""Demands of Parkour's worlds on each type of body, by which test tasks are selected and ordered."""
+"""Demands of Parkour's worlds on each type of body, used to select and order test tasks."""
 
 from __future__ import annotations
 

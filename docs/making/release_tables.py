@@ -100,7 +100,7 @@ def simulated_students() -> str:
 
 
 def simulated_and_paper() -> str:
-    """Return differences of the paper's teachers from Random, with simulated students and in its tables.
+    """Return differences of the paper's teachers from Random, with simulated students and as published.
 
     The paper's are Welch's tests of its means and deviations against Random at the same level of knowledge,
     with Holm's correction for a challenge; it has no result of Random on the original space.
@@ -251,7 +251,7 @@ def later_teachers() -> str:
 
 
 def _places(tests: pd.DataFrame) -> str:
-    """Return the challenges of tests as text, those on which the teacher is sooner first."""
+    """Return the challenges of tests as text, grouped into "sooner", "later" and undecided ones."""
     words = {"better": "sooner", "worse": "later"}
     found: dict[str, list[str]] = {}
     for _, test in tests.iterrows():

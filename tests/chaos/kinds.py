@@ -182,7 +182,7 @@ def node_frozen(scene: Scene, injections: int) -> None:
                 time.sleep(SHORT_FREEZE)
         finally:
             scene.nodes.thaw(frozen)
-        if given_away:  # its processes end, since other attempts have taken the runs
+        if given_away:  # the node's processes end, since new attempts have replaced theirs
             wait_for(lambda frozen=frozen: scene.nodes.ended(frozen), LONGEST_START)
             scene.nodes.kill(number)
     scene.site.go_on(driver)

@@ -64,7 +64,7 @@ class Corridor(corridor.Corridor):
 
     def __init__(self) -> None:
         super().__init__()
-        student = sys.modules.get("tma_ray.students.sac")  # missing in drivers, which do not import torch
+        student = sys.modules.get("tma_ray.students.sac")  # not imported by drivers
         if student is not None and not hasattr(student.SAC, "mined"):
             student.SAC.mined = True
             student.SAC.observe = _before(student.SAC.observe, _observe)
@@ -139,7 +139,7 @@ def _lay_mines() -> None:
     Evaluation.__call__ = _evaluate(Evaluation.__call__)
 
 
-# Not in the process of the tests; only once, since a worker may import two copies of this module.
+# Only in processes of a campaign, and once per process: a worker may import two copies of this module.
 if REQUESTS.is_dir() and not hasattr(Store, "mined"):
     Store.mined = True
     _lay_mines()

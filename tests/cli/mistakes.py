@@ -217,7 +217,7 @@ def flags(argument: Argument) -> list[str]:
 
 
 def valid_rest(path: tuple[str, ...], leave: Argument | None) -> list[str]:
-    """Return the other words of a small valid command line, with an empty one for a positional `leave`."""
+    """Return a small valid command line without the argument `leave`, "" in place of a positional one."""
     words = list(SMALL.get(" ".join(path), ()))
     left = leave.names if leave is not None else ()
     for option in left:

@@ -72,7 +72,7 @@ class Node:
     _init: int = 0
 
     def start(self, switch: int, paths: Sequence[str]) -> None:
-        """Start the node with its earlier changes of files, and wait for its sshd.
+        """Start the node, keeping earlier changes of its files, and wait for its sshd.
 
         Args:
             switch: id of the first process of the bed's network.

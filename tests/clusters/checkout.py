@@ -1,4 +1,4 @@
-"""Checkout with its virtual environment on the nodes of a bed."""
+"""Copy of this checkout and its virtual environment on the nodes of a test bed."""
 
 from __future__ import annotations
 

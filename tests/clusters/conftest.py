@@ -1,4 +1,4 @@
-"""Marks and fixtures of tests on a bed, which need root on Linux."""
+"""Marks and fixtures of tests on a bed of virtual machines, which need root on Linux."""
 
 from __future__ import annotations
 

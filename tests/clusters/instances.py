@@ -1,4 +1,4 @@
-"""Nodes of a bed for the instances that a launcher starts on a mock server of AWS."""
+"""Virtual machines for the instances that a launcher starts on a mock server of AWS."""
 
 from __future__ import annotations
 

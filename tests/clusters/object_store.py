@@ -1,4 +1,4 @@
-"""Object store on a node of a bed: moto's server with one bucket."""
+"""Object store on a node of a test bed: moto's server with one bucket."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Slurm on the nodes of a bed, with separate daemons and a shared checkout."""
+"""Slurm on the nodes of a test bed, with separate daemons and a shared checkout."""
 
 from __future__ import annotations
 

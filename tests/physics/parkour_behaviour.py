@@ -46,7 +46,7 @@ def under_water(steps: tuple[int, ...], name: str = "fish") -> Figures:
 def released(name: str) -> Figures:
     """Measure `under_water` for a body released in open water at rest, climbers from the ceiling."""
     body = load_embodiment(name)
-    engine = PymunkEngine(body, parkour_rules(body))  # whose parts can be moved
+    engine = PymunkEngine(body, parkour_rules(body))  # unlike our own engine, lets parts be moved
     start(engine, deep(), np.random.default_rng(0))
     if name not in CLIMBERS:
         for part in engine._parts:

@@ -33,7 +33,7 @@ def _names_of_a_module() -> Iterator[None]:
 
 
 def pytest_configure() -> None:
-    """Disable garbage collection during imports, of which it takes a quarter of the time."""
+    """Disable garbage collection during imports, which saves a quarter of their time."""
     gc.disable()
 
 

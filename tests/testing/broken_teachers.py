@@ -70,7 +70,7 @@ class ForgetsWhenSaved(Random):
         return self.space.clip(0.5 * (task + self.previous)) if hasattr(self, "previous") else task
 
     def observe(self, episode: Episode) -> None:
-        self.previous = episode.task  # not saved, without an underscore
+        self.previous = episode.task  # not saved, since its name does not end with an underscore
 
 
 @dataclass

@@ -81,7 +81,7 @@ def teacher_traces(name: str) -> dict[str, list[float]]:
 
 def student_traces(name: str) -> dict[str, list[float]]:
     """Return the traces of a student: actions during training, and final greedy actions."""
-    from students_support import Drift, small_student, train  # deferred: not on the path of a script at first
+    from students_support import Drift, small_student, train  # deferred: scripts extend sys.path first
 
     student = small_student(name)
     actions = [step.action for step in train(student, Drift(), STUDENT_STEPS)]

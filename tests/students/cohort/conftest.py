@@ -1,4 +1,4 @@
-"""Updates of all slots at once, as on a GPU; in the slow tier also one by one."""
+"""Fixture that updates all slots at once, as on a GPU; in the slow tier also one by one."""
 
 import pytest
 
