@@ -323,7 +323,7 @@ class StudentConformance:
         assert (first != other).any(), "another seed makes no difference: is the seed used?"
 
     def test_a_loaded_state_goes_on_as_if_nothing_had_been(self) -> None:
-        """Check that a student that loads a state acts and learns like the one that saved it."""
+        """Check that a loaded student acts and learns like the saved one."""
         student, other = self._made(1), self._made(9)
         _train(student, self.steps, 0)
         _train(other, EPISODE, 3)

@@ -62,7 +62,7 @@ def paper_results() -> tuple[PaperResult, ...]:
 
 
 class Requirement(StrEnum):
-    """Use of a piece of expert knowledge by a teacher."""
+    """Requirement of a teacher for a part of expert knowledge."""
 
     REQUIRED = "required"
     OPTIONAL = "optional"
@@ -71,7 +71,7 @@ class Requirement(StrEnum):
 
 @dataclass(frozen=True)
 class KnowledgeRequirements:
-    """Use of the pieces of `tma_ray.tasks.ExpertKnowledge` by a teacher.
+    """Requirements of a teacher for the parts of `tma_ray.tasks.ExpertKnowledge`.
 
     Distributions exist at every level (the initial one is random without expert knowledge), but teachers that
     require the mastery range cannot run below level low.

@@ -15,7 +15,7 @@ from tma_ray.runs.spec import RunSpec
 
 
 class HeadLostError(RuntimeError):
-    """Ray's head died, was stopped, or was silent for too long."""
+    """Error raised if Ray's head dies, is stopped, or is silent for too long."""
 
 
 Arguments = ParamSpec("Arguments")
@@ -23,7 +23,7 @@ Result = TypeVar("Result")
 
 
 class OutageError(RuntimeError):
-    """The storage of a campaign's results failed for longer than the settings allow."""
+    """Error raised if the storage of results fails for longer than the settings allow."""
 
 
 class RetryingCommitter:

@@ -212,7 +212,7 @@ def run_like(name: str, release: str, core: Collection[str], options: CampaignOp
 
 
 def rerun_plan(root: str, names: Sequence[str], *, failed: bool) -> Plan:
-    """Return a plan of a root's unfinished runs: those given by id or prefix, plus failed ones if `failed`.
+    """Return a plan of unfinished runs, given by id or prefix, and of all failed runs if `failed`.
 
     Raises:
         ValueError: if nothing is named, a run does not exist or is done, or an edited plug-in

@@ -162,7 +162,7 @@ def execute_and_report(plan: Plan, results: str, config: ExecutionConfig, addres
 
 
 class SingleRunError(RuntimeError):
-    """A single run failed; ``__cause__`` is the run's exception."""
+    """Error raised if a single run fails; ``__cause__`` is the run's exception."""
 
 
 def confirmed_single(options: RunOptions) -> tuple[Plan, Placement]:

@@ -80,7 +80,7 @@ KEYS: Mapping[str, Mapping[str, str]] = {
 
 
 def print_json(command: str, record: Mapping[str, Any]) -> None:
-    """Print the JSON of a command, whose keys must be those in `KEYS`."""
+    """Print the JSON of a command; its keys must match `KEYS`."""
     assert list(record) == list(KEYS[command]), f"{command}: {list(record)}"
     text = json.dumps(json_value(record), indent=2, ensure_ascii=False, allow_nan=False)
     print(CONTROL.sub(lambda match: f"\\u{ord(match[0]):04x}", text))

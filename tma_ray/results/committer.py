@@ -27,7 +27,7 @@ logger = logging.getLogger(__name__)
 
 
 class StaleAttemptError(RuntimeError):
-    """An attempt tried to publish after a newer one had replaced it."""
+    """Error raised if an attempt tries to publish after a newer one has replaced it."""
 
 
 def accepted_manifest(store: Store, run_id: str, attempt: int) -> Manifest | None:
@@ -224,7 +224,10 @@ class Committer:
         self.record_attempt(record)
 
     def _record_done(self, run_id: str, attempt: int) -> None:
-        """Write the row of the attempt that finished a run, since its driver may die before it does so."""
+        """Write the row of the attempt that finished a run, unless it exists.
+
+        The attempt's driver may die before writing it.
+        """
         record = read_progress(self.store, run_id, attempt)
         if record is not None and not self._has_row(run_id, attempt):
             self.record_attempt(replace(record, outcome=AttemptOutcome.DONE))

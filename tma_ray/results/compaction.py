@@ -190,7 +190,7 @@ _MERGED: Final = re.compile(rf"{layout.TABLES}/[^/]+/[^/]+\.parquet")
 
 @dataclass(frozen=True)
 class Journal:
-    """Files to delete after a compaction: files that no manifest lists, and files that were replaced."""
+    """Files to delete after a compaction: replaced files, and files that no manifest lists."""
 
     unless_used: tuple[str, ...] = ()
     replaced: tuple[str, ...] = ()

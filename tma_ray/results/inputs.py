@@ -127,7 +127,7 @@ def damaged_inputs(store: Store, runs: Iterable[RunRecord]) -> Iterator[tuple[st
 
 
 def _read_by(run: RunRecord) -> _SpecInputs:
-    """Return the inputs and plug-ins of a run, or none if its spec is invalid."""
+    """Return the inputs and plug-ins of a run; empty if its spec is invalid."""
     try:
         return decode_json(run.spec, _SpecInputs, f"the spec of run {run.run_id}")
     except DamagedFileError:

@@ -82,7 +82,7 @@ def create_root(store: Store) -> None:
 
 
 def check_root(store: Store) -> None:
-    """Check that a store is a results root of this version, by its tables if `ROOT_FILE` is missing.
+    """Check that a store is a results root of this version, judged by its tables if `ROOT_FILE` is missing.
 
     Raises:
         ResultsRootError: if it is not a results root, or one of another version.

@@ -188,11 +188,11 @@ logger = logging.getLogger(__name__)
 
 
 class NotRunningError(ValueError):
-    """No campaign holds the results root."""
+    """Error raised if no campaign holds the results root."""
 
 
 class RootInUseError(RefusedError):
-    """Another campaign holds the results root, or has taken it over."""
+    """Error raised if another campaign holds the results root, or has taken it over."""
 
 
 class Lease:

@@ -295,7 +295,7 @@ def _write_group(writer: pq.ParquetWriter, table: Table, parts: Sequence[pa.Tabl
 
 
 def _canonical(table: Table, rows: pa.Table) -> pa.Table:
-    """Return `rows` with dictionaries of ids in order of appearance."""
+    """Return `rows` with the dictionaries of id columns in order of first appearance."""
     columns = []
     for field in SCHEMAS[table]:
         column = rows[field.name]

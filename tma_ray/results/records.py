@@ -1,4 +1,4 @@
-"""Records about runs, attempts and trials."""
+"""Records of runs, attempts and trials."""
 
 import hashlib
 import json

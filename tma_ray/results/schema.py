@@ -159,7 +159,7 @@ def schema_version(file: Any) -> int:
 
 
 def to_arrow(table: Table, schema: pa.Schema, rows: Sequence[Mapping[str, Any]]) -> pa.Table:
-    """Return `rows` with the columns of `schema`, filling in missing nullable columns and defaults.
+    """Convert `rows` to an Arrow table, filling in missing nullable columns and defaults.
 
     Raises:
         ValueError: if a column is missing, unknown, or of a wrong type.

@@ -142,7 +142,7 @@ def gpu(device: str) -> dict[str, str]:
 
 
 def usable_cores(root: Path = Path("/")) -> int:
-    """Return the number of cores that this process may use, which is at least 1.
+    """Return the number of cores that this process may use, at least 1.
 
     It is limited by the CPU affinity, as set by ``taskset`` or a batch system, and by the quota of control
     groups, as set for a container, rounded down.

@@ -47,7 +47,7 @@ def block_sigint() -> Iterator[None]:
 
 
 def unblock_sigint() -> None:
-    """Unblock Ctrl-C, which then (also if already pending) ends the process without a message."""
+    """Unblock Ctrl-C, so that a new or pending one ends the process without a message."""
     signal.signal(signal.SIGINT, leave_at_once)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 

@@ -192,7 +192,7 @@ class SimulatedStudent:
         return WORST_RETURN + RETURN_RANGE * (competence + spread * float(self._rng.standard_normal()))
 
     def initial_observations(self, tasks: ArrayLike) -> NDArray[np.float32]:
-        """Return the initial observations (..., d) of `tasks` (..., d), which are the tasks' demands."""
+        """Return the demands of `tasks` (..., d), which are their initial observations (..., d)."""
         demands = (np.asarray(tasks, dtype=np.float64) - self._easy) / (self._hard - self._easy)
         return np.maximum(demands, 0.0).astype(np.float32)
 

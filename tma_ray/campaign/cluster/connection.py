@@ -219,7 +219,7 @@ def private_folder() -> Path | None:
 
 
 def _remove(folder: Path) -> None:
-    """Remove a marked folder, its marker file last so that an interrupted removal can be repeated."""
+    """Remove a marked folder, and its marker file last, to make interrupted removals repeatable."""
     if (folder / "ray").exists():
         shutil.rmtree(folder / "ray")
     (folder / MARK).unlink()
@@ -364,7 +364,7 @@ MAX_SHIPPED_BYTES = 20 * 2**20
 
 @contextmanager
 def runtime_environment(sources: Sequence[PluginSource]) -> Iterator[dict[str, Any] | None]:
-    """Context manager that yields a Ray runtime environment which ships plug-ins to every worker of a job.
+    """Context manager of a Ray runtime environment that ships plug-ins to all workers of a job.
 
     It ships copies: edits during a campaign do not reach the workers. Installed packages are not shipped;
     every node needs them.

@@ -33,7 +33,7 @@ NODE_LABEL = "ray.io/node-id"  # label that Ray gives to every node
 
 
 def node_strategy(node: str, avoid: Sequence[str] = ()) -> Any:
-    """Return Ray's scheduling strategy for `node`, or, if "", for any node, preferably not in `avoid`."""
+    """Return Ray's scheduling strategy for `node` ("" for any node, preferably not in `avoid`)."""
     if node:
         return NodeAffinitySchedulingStrategy(node, soft=False)
     others: Any = NotIn
@@ -61,7 +61,7 @@ SEED_CALLS = 4
 
 
 class TeacherActor(InlineTeacher):
-    """Ray actor that hosts a teacher and imports torch only if the teacher's algorithm does.
+    """Ray actor that hosts a teacher; it imports torch only for teachers that use it.
 
     `start` constructs the teacher: an actor whose constructor raises counts as dead, and its run as lost.
     """

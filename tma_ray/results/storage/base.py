@@ -252,7 +252,7 @@ class Store(ABC):
 
     @abstractmethod
     def _names(self, folder: str) -> set[str]:
-        """Return all names in `folder`, or none if it does not exist."""
+        """Return all names in `folder`; empty if it does not exist."""
 
     def _mark(self) -> str:
         return "tma_ray-"
