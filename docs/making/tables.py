@@ -55,6 +55,7 @@ MEASURED = (
     "agreement_coverage",
     "tau_coverage",
     "trial_cells",
+    "teacher_cost",
 )
 """Tables of `benchmarks/measured`; its other files have evaluations."""
 
