@@ -25,7 +25,7 @@ from tma_ray.testing.conformance import global_state
 
 STEPS = 200  # number of random steps in a play
 KEPT = 10  # number of observations kept to check that they do not change
-FASTEST = 100.0  # head speed above which joints have torn a body apart, in m/s
+FASTEST = 100.0  # largest plausible head speed in m/s; above it, joints tear the body apart
 
 
 class BodyConformance:

@@ -38,7 +38,7 @@ from tma_ray.support.texts import counted, estimated_duration, hours_text, size_
 SpeedKey = tuple[Any, ...]
 """Properties of a run that determine its speed: environment with options and files, and student."""
 
-DEFAULT_BODY: Final = "classic_bipedal"  # body whose row is used for bodies that the table lacks
+DEFAULT_BODY: Final = "classic_bipedal"  # body whose speeds stand for those of bodies missing in the table
 REFERENCE_ROUNDS: Final = 247.0  # `machine_speed` of the machine on which the table was measured
 
 LEARNER_SPEEDS: Final = {

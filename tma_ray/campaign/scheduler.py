@@ -117,7 +117,7 @@ class Scheduler:
             self._committer.call(Committer.finish, record, number, ending.files)
             Checkpoints(self._store, record.run_id, number).drop()
             self._done += 1
-        if ending.without_fault and running.report is None:  # the run has not begun
+        if ending.without_fault and running.report is None:  # the attempt has not begun
             self._committer.call(Committer.withdraw, record.run_id, number)
         else:
             self._record(running, ending.outcome)

@@ -102,6 +102,6 @@ def _open_missing() -> None:
     for descriptor, (name, mode) in enumerate(_MODES.items()):
         if getattr(sys, name) is None:
             stream = Path(os.devnull).open(mode, encoding="utf-8")  # noqa: SIM115  # open until the end
-            if stream.fileno() == descriptor:  # the file got the lowest free descriptor
+            if stream.fileno() == descriptor:  # true if this was the lowest free descriptor
                 os.set_inheritable(descriptor, True)
             setattr(sys, name, stream)

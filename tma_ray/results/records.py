@@ -60,7 +60,7 @@ class AttemptOutcome(StrEnum):
     DONE = "done"
     STOPPED = "stopped"  # ended on request, with a checkpoint
     FAILED = "failed"  # ended by an exception
-    LOST = "lost"  # ended with its process or machine
+    LOST = "lost"  # ended by the loss of its process or machine
 
 
 @dataclass(frozen=True)
