@@ -32,9 +32,7 @@ def gif_bytes(frames: Sequence[NDArray[np.uint8]], seconds: float | Fraction, pa
     pictures = []
     for frame in frames:
         indices = np.array(Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE))
-        indices[(frame == 255).all(axis=2)] = (
-            0  # exact white, since Pillow only approximates the nearest colour
-        )
+        indices[(frame == 255).all(axis=2)] = 0  # exact white, which Pillow only approximates
         pictures.append(Image.fromarray(indices, "P"))
         pictures[-1].putpalette(colours)
     # GIFs count time in 1/100 s, and viewers slow down frames shorter than 1/50 s
