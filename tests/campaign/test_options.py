@@ -9,11 +9,10 @@ import pytest
 from rich.console import Console
 
 from tma_ray.campaign import Campaign, cells_of
-from tma_ray.campaign.cluster.nodes import check_address
 from tma_ray.campaign.options import CampaignOptions, chosen_campaign, parse_seeds
 from tma_ray.campaign.progress import ActiveRun, ProgressView, Snapshot
 from tma_ray.campaign.script import script
-from tma_ray.campaign.settings import ExecutionConfig, Resources
+from tma_ray.campaign.settings import ExecutionConfig, Resources, check_address
 from tma_ray.cli import main
 from tma_ray.console.command_line import read
 from tma_ray.physics import engine_in_use

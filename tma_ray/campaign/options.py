@@ -10,7 +10,6 @@ from typing import Annotated, Any
 from cyclopts import Group, Parameter
 
 from tma_ray.benchmark import Tier
-from tma_ray.campaign.cluster.nodes import check_address, host_and_port
 from tma_ray.campaign.plan import CampaignSpec
 from tma_ray.campaign.settings import (
     COHORT_WIDTH,
@@ -19,6 +18,8 @@ from tma_ray.campaign.settings import (
     Nodes,
     Resources,
     TeacherPlacement,
+    check_address,
+    host_and_port,
 )
 from tma_ray.console.command_line import choice, value, values
 from tma_ray.console.types import named, root

@@ -23,10 +23,10 @@ import psutil
 import ray
 from ray.exceptions import AuthenticationError
 
-from tma_ray.campaign.cluster.nodes import check_address, connection_advice
 from tma_ray.campaign.cluster.protocols import Head
 from tma_ray.campaign.cluster.ray_private import living_nodes, loopback_only, system_config
 from tma_ray.campaign.failures import LOG_SECONDS, HeadLostError
+from tma_ray.campaign.settings import check_address, connection_advice
 from tma_ray.components.plugin_source import PluginSource
 from tma_ray.runs.placement import usable_cores
 
