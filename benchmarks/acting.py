@@ -1,7 +1,7 @@
 """Time to act per observation: a student, stable-baselines3's `predict`, and the torch module alone.
 
-All three apply the same network and act greedily. They are measured in turn in one process with one torch
-thread, by processor time:
+All three apply the same network and act greedily. Measured alternately in one process with one torch thread,
+by processor time:
 
     python benchmarks/acting.py --students ppo sac
 """

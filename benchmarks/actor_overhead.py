@@ -2,7 +2,7 @@
 
 Prints JSON. All three write the same result files; only ratios carry over to other machines. The times of
 whole runs include the start of the teacher's process, about a second, during which the first episode waits;
-`exchange_milliseconds` is the overhead of each episode after it.
+`exchange_milliseconds` is the overhead of later episodes.
 
     python benchmarks/actor_overhead.py --repeats 3 --output actor_overhead.json
 """

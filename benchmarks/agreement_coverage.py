@@ -1,7 +1,7 @@
 """Simulated coverage of intervals of `effect_correlation`: ``measured/agreement_coverage.csv``.
 
-Effects of teachers and luck of seeds are normal. Both measures of a run have the same signal to noise, and
-their luck is correlated by a half.
+Effects of teachers and of seeds are normally distributed. Both measures of a run have the same signal to
+noise, and their seed effects have a correlation of a half.
 """
 
 from __future__ import annotations
@@ -71,9 +71,9 @@ def print_coverage(
     """Print a table of simulated coverage as CSV, and write it to the file of ``--output``.
 
     Args:
-        coverage: function of the number of experiments of each row.
-        description: help of the script.
-        experiments: number of experiments by default.
+        coverage: function that returns the rows, given the number of experiments of each.
+        description: description of the script for ``--help``.
+        experiments: default number of experiments.
     """
     parser = argparse.ArgumentParser(allow_abbrev=False, description=description)
     parser.add_argument(

@@ -2,8 +2,8 @@
 
     python benchmarks/analysis_commands.py --seeds 25 --steps 500000 --output analysis_commands.json
 
-Writes the runs of the full benchmark with so many seeds, each in files of its own as campaigns leave them,
-unless `--root` exists; then each command reads it in a process of its own.
+Writes the runs of the full benchmark with the given seeds, in separate files per run as in a campaign, unless
+`--root` exists; then every command reads the root in a new process.
 """
 
 from __future__ import annotations

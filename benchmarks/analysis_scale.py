@@ -4,7 +4,7 @@
 
 Writes a results root as large as the full benchmark of the paper (6,432 runs of 41 evaluations of 100 test
 tasks, with training windows and curricula), merged by experiment, unless `--root` exists; then loads it and
-makes all tables in a process of its own. `--seeds` and `--steps` make it smaller.
+makes all tables in a new process. `--seeds` and `--steps` make it smaller.
 """
 
 from __future__ import annotations
@@ -52,8 +52,8 @@ def full_plan(seeds: int | None, steps: int | None) -> Plan:
     """Return the plan of the full benchmark, with a separate run for every cell and seed.
 
     Args:
-        seeds: of each cell; None for all.
-        steps: of each run; None for the schedule's.
+        seeds: number of seeds of each cell; None for all.
+        steps: number of steps of each run; None for those of the schedule.
     """
     experiment = find_experiment("full_benchmark")
     matrices = [replace(matrix, seeds=matrix.seeds[:seeds]) for matrix in experiment.matrices]

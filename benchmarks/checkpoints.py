@@ -1,6 +1,6 @@
 """Size and time of checkpoints: of SAC with a full replay buffer, and of PPO.
 
-Prints JSON. Later checkpoints write only what has changed: compare them with the full one of the same run.
+Prints JSON. Later checkpoints write only changed data: compare them with the full one of the same run.
 
     python benchmarks/checkpoints.py --transitions 2M --output checkpoints.json
 """

@@ -1,7 +1,7 @@
 """Scale of the driver: a campaign of simulated students on 64 CPUs, stopped half-way and resumed.
 
-Prints JSON. The cluster has four raylets of 16 places and a head; a few processes train the students of all
-places. Everything else is what a campaign has: the driver joins the cluster, every run is started, polled,
+Prints JSON. The cluster has a head and four raylets of 16 CPUs; a few processes train the students of all
+CPUs. Everything else is as in a campaign: the driver joins the cluster, and every run is started, polled,
 published and finished, and writes its evaluations.
 
     python benchmarks/cluster_scale.py --runs 2000 --output cluster_scale.json

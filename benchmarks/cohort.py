@@ -3,12 +3,12 @@
     python benchmarks/cohort.py
     python benchmarks/cohort.py --device cuda --widths 16,48 --precisions highest,high,medium --compiled 0,1
 
-Measures an update of all slots for each student, width and precision, and what it could feed in environment
-steps, and on a processor an update of a run that learns alone; checks that a run learns the same bits alone
-and with full neighbours. Then plays whole runs of PPO, alone on a processor and in a full cohort, and
-compares the time of the processor that a step takes, with its parts. (SAC owes up to 200 updates at the end
-of an episode, too many to count its steps within a minute; of a step the update is 99 %.)
-Prints the tables last, and writes JSON to ``--output``. What would not end within ``--minutes`` is left out.
+For each student, width and precision, measures an update of all slots, the environment steps that it covers,
+and on a processor an update of a run that learns alone; checks that a run learns the same bits alone and
+beside full slots. Then plays whole runs of PPO, alone on a processor and in a full cohort, and compares the
+processor time of a step and of its parts. (SAC makes up to 200 updates at the end of an episode, too many to
+count its steps within a minute; the update takes 99 % of a step.) Prints the tables at the end, and writes
+JSON to ``--output``. Skips measurements that would not end within ``--minutes``.
 """
 
 from __future__ import annotations

@@ -3,8 +3,8 @@
     python benchmarks/curriculum.py --output curriculum.json
 
 An exchange is one message each way between a worker process and the process that has the teacher. Training
-is stable-baselines3's PPO on Gymnasium's pendulum, alone and with a teacher that takes 1 ms an episode, in
-short turns, so that what else the machine does weighs on both alike.
+is stable-baselines3's PPO on Gymnasium's pendulum, without and with a teacher that takes 1 ms an episode,
+alternately for short times, since other load of the machine then affects both equally.
 """
 
 from __future__ import annotations

@@ -2,9 +2,9 @@
 
     python benchmarks/data_plane.py
 
-A player hands over an episode of SAC (300 steps of the classic bipedal) and gets weights back (hidden 400
-and 300). Both are processes of this machine, and nothing is learned. Prints the milliseconds until the
-weights are there, and those of the learner's processor.
+A player sends an episode of SAC (300 steps of the classic bipedal) and receives weights (hidden layers of 400
+and 300 units). Both are processes of this machine, without learning. Prints the milliseconds until the
+weights arrive, and the learner's processor time.
 """
 
 from __future__ import annotations

@@ -123,8 +123,8 @@ def reset_seconds(env: BodyEnvironment, task: list[float]) -> float:
 def measure(world: str, body: str, task: list[float], steps: int, box2d: bool) -> dict[str, float]:
     """Return the times of steps (including resets), of resets, and of the simulation in a step, in µs.
 
-    Parkour has no figure for the bare simulation: forces of the water and grips are computed outside it. With
-    `box2d`, Gymnasium's walker plays a tenth of the steps, without wrappers either.
+    Parkour has no time of the bare simulation, since forces of water and grips are computed outside of it.
+    With `box2d`, Gymnasium's walker plays a tenth of the steps, also without wrappers.
     """
     envs = {engine: environment(world, body, engine) for engine in ENGINES}
     shape = steps, envs["compiled"].embodiment.action_size

@@ -3,7 +3,7 @@
     python benchmarks/evaluation.py --output evaluation.json
 
 Trains PPO on easy tasks until it walks, which takes a minute or two, and evaluates it on the 100 test tasks
-of Stump Tracks. Both ways are measured in turn, by processor time.
+of Stump Tracks in both ways alternately. Times are processor times.
 """
 
 from __future__ import annotations

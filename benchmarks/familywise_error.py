@@ -2,9 +2,9 @@
 
     python benchmarks/familywise_error.py
 
-Prints the rows of ``measured/pairs_decided.csv`` and ``measured/false_findings.csv``. Simulated runs are
-those of the release with the means of their cells taken away, drawn with replacement in each cell (a teacher,
-challenge and body), so that every cell keeps its own spread and skew.
+Prints the rows of ``measured/pairs_decided.csv`` and ``measured/false_findings.csv``. Simulated runs are the
+release's runs less the means of their cells (a teacher, challenge and body), drawn with replacement within
+cells, which preserves the spread and skew of every cell.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ class Release(NamedTuple):
 
     Attributes:
         values: percentages of a measure (cells, teachers, seeds); cells are challenges and bodies.
-        weights: of the cells, equal for challenges, which add up to 1 (cells,).
-        random: place of Random among the teachers.
+        weights: weights of cells (cells,), with sum 1 and equal for challenges.
+        random: index of Random among the teachers.
     """
 
     values: Floats
@@ -88,7 +88,7 @@ def welch(values: Floats, weights: Floats, least: float = 0.0) -> Tests:
     Args:
         values: results of runs (..., cells, teachers, seeds).
         weights: weights of the cells (cells,).
-        least: share of the mean variance of a cell's teachers under which none counts.
+        least: least variance, as a share of the mean variance of a cell's teachers.
     """
     first, second = np.triu_indices(values.shape[-2], 1)
     n = values.shape[-1]
@@ -147,8 +147,8 @@ METHODS: dict[str, Callable[[Floats, Release], Families]] = {
 def simulated(release: Release, seeds: int, experiments: int, *, half: bool) -> list[str]:
     """Return the % of experiments with a false finding, and with all true differences in the intervals.
 
-    Of all pairs, of Random's pairs, and of those of a newcomer, the last teacher, whose tests have the least
-    variances of the others.
+    Families are all pairs, pairs with Random, and pairs with a newcomer (the last teacher), whose tests use
+    the least variances of the other teachers.
 
     Args:
         release: runs whose residuals are drawn.

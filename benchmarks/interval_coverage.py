@@ -47,7 +47,7 @@ def bimodal(rng: np.random.Generator, shift: float, shape: tuple[int, ...]) -> F
 def coverage(draw: Draw, strata: int, n: int, experiments: int) -> tuple[float, ...]:
     """Return the coverage of intervals of a mean, a difference, and the three estimates of `estimates`.
 
-    Experiments in which runs are all the same, so that there is no interval, do not count.
+    Experiments with equal results of all runs, which have no interval, do not count.
     """
     rng = np.random.default_rng([strata, n])
     population, better = draw(rng, 0.0, (LARGE,)), draw(rng, 1.0, (LARGE,))

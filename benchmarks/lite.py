@@ -4,7 +4,7 @@
     python benchmarks/lite.py --experiment long_1 --processes 2 --minutes 170 --results long
     python benchmarks/lite.py --stage core --device cuda --cohort 32 --processes 32 --results lite
 
-Takes the runs in the order of the script of the experiment; each continues what the other leaves.
+Executes runs in the order of the experiment's script. Either script can continue the other's runs.
 """
 
 from __future__ import annotations

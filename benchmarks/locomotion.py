@@ -56,8 +56,8 @@ def random_return(challenge: str, body: str) -> float:
 def bootstrap(returns: Floats, resamples: int = 10_000) -> tuple[float, float]:
     """Return the 95 % percentile interval of the mean of `returns` (seeds, tasks).
 
-    Seeds are drawn with replacement, then tasks of each. With three seeds the interval cannot exceed their
-    range and is too narrow: Student's t, which is printed too, is not.
+    Seeds are drawn with replacement, and then tasks of each seed. With three seeds this interval is too
+    narrow, as it cannot exceed their range, unlike Student's t interval, which is also printed.
     """
     rng, (seeds, tasks) = np.random.default_rng(0), returns.shape
     runs = rng.integers(seeds, size=(resamples, seeds, 1))

@@ -4,10 +4,10 @@
     python benchmarks/pairing.py --csv benchmarks/measured/pairing.csv benchmarks/measured/sensitivity.csv
     python benchmarks/pairing.py --baselines lite-1 simulated-1
 
-Three teachers of PPO on the shuffled space, 40 thousand steps each: of all challenges the one whose runs have
-most in common, the worlds of the evaluations and, by seed, the shuffle. Prints the correlation of runs of the
-same seed, the widths of Welch's and of the paired intervals, and what the rule says,
-as rows of ``measured/pairing_of_*.csv``.
+Trains PPO under three teachers on the shuffled space, 40 thousand steps each. On this challenge, runs with
+the same seed share most: the worlds of evaluations, and the shuffle. Prints the correlation of runs with the
+same seed, the widths of Welch's and paired intervals, and the decision of the rule, as rows of
+``measured/pairing_of_*.csv``.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def told(name: str, table: pd.DataFrame) -> list[str]:
     """Return the effect of pairing at the ends of runs as CSV lines, by measure and challenge.
 
     Args:
-        name: of the results.
+        name: name of the results.
         table: challenge, `CELL`, seed, step and `MEASURES` of every evaluation.
     """
     last = table[table["step"] == table["step"].max()]

@@ -3,8 +3,8 @@
     python benchmarks/parkour_pilot.py --results build/parkour_pilot --processes 1 --minutes 600
     python benchmarks/parkour_pilot.py --tables
 
-Runs what benchmarks/measured/parkour_pilot.csv lacks, continues what an earlier call left, and adds the
-evaluations of the finished runs to that file.
+Executes the runs that are missing in benchmarks/measured/parkour_pilot.csv, continues interrupted ones, and
+adds the evaluations of finished runs to that file.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def chosen_student(evaluations: pd.DataFrame) -> str:
 def chosen_budget(evaluations: pd.DataFrame, student: str) -> int:
     """Return the budget (million steps) of walkers and swimmers in tier lite, by the second rule of the page.
 
-    Core-hours are proportional to steps, which stand for them.
+    Steps are used in place of core-hours, which are proportional to them.
     """
     runs = of_student(evaluations, student)
     decisiveness = {

@@ -4,10 +4,10 @@
     python benchmarks/pilot.py --results build/pilot --processes 1 --minutes 600
     python benchmarks/pilot.py --tables
 
-Runs the parts in order, each once the one before is done, and continues what an earlier call left. All
-evaluations are written to benchmarks/measured/pilot.csv, costs to benchmarks/measured/pilot_costs.csv.
-Runs that the file of evaluations has are not run again, whichever root they were in. Its column walking marks
-those of part c, whose students started from walking policies: students could for this part alone.
+Executes the parts one after the other, and continues interrupted runs. All evaluations are written to
+benchmarks/measured/pilot.csv, costs to benchmarks/measured/pilot_costs.csv. Runs that are in the file of
+evaluations, from any root, are not repeated. Its column walking marks runs of part c whose students started
+from walking policies, which was possible for this part alone.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ def changed(rollouts: str) -> dict[str, str]:
 def costs() -> pd.DataFrame:
     """Return the processor time of a training step by student, in µs, and the ratio to the paper's student.
 
-    All students take turns, so that what else the machine does meets all of them.
+    Students are measured alternately, since other load of the machine then affects all of them.
     """
     students = [*ROLLOUTS, *(name for rollouts in ROLLOUTS for name in changed(rollouts).values())]
     loops = {name: loop_of(name) for name in students}

@@ -40,7 +40,7 @@ def cells(places: Sequence[list[dict[str, Any]]], exact: list[dict[str, Any]]) -
 
     Args:
         places: episodes in node and in Chromium with the page's sine and cosine.
-        exact: those in node with this machine's.
+        exact: episodes in node with this machine's sine and cosine.
     """
     bits = [sum(largest(each) == 0 for each in episodes) for episodes in places]
     ends = [sum(each["ending"] for each in episodes) for episodes in (*places, exact)]

@@ -41,7 +41,7 @@ def parser(description: str) -> argparse.ArgumentParser:
 def execute(plan: Plan, options: argparse.Namespace) -> None:
     """Execute the unfinished runs of a plan with the options of `parser`, and print the progress.
 
-    SIGTERM ends it as the last minute does, with checkpoints.
+    SIGTERM ends it with checkpoints, as does the end of the last minute.
     """
     terminated = threading.Event()
     signal.signal(signal.SIGTERM, lambda *_: terminated.set())

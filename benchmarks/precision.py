@@ -4,9 +4,9 @@
         --results build/precision
 
 Trains 16 runs under Random on the easy task space, 8 seeds at each precision, 2 million steps each. One call
-takes nine minutes at most; an interrupted or unfinished call is continued by the next. Prints how far every
-seed has come, and then a table of the differences at the last evaluation that all seeds have, with Welch's
-and a bootstrap 95 % interval; writes them to ``precision.json`` in the results root.
+takes nine minutes at most; an interrupted or unfinished call is continued by the next. Prints the progress of
+every seed, and a table of the differences at the last evaluation common to all seeds, with Welch's and a
+bootstrap 95 % interval; writes them to ``precision.json`` in the results root.
 """
 
 from __future__ import annotations
@@ -51,8 +51,8 @@ def differences(table: pd.DataFrame, precision: str) -> list[dict[str, Any]]:
     """Return differences from the reference by measure, at the last step that all runs have reached.
 
     Args:
-        table: of `sac_learning.curves`.
-        precision: that is compared.
+        table: result of `sac_learning.curves`.
+        precision: precision to compare.
     """
     step = int(table.groupby("run_id", observed=True).step.max().min())
     last = table[table.step == step]

@@ -3,8 +3,8 @@
     python benchmarks/run_all.py --output build/benchmarks
     python benchmarks/run_all.py --smallest --scripts acting teacher_cost
 
-The learning curves (`learning.py`, `locomotion.py`, `precision.py`) take hours and are campaigns of their
-own; `interval_coverage.py` and `familywise_error.py` print tables of the documentation.
+Excludes learning curves (`learning.py`, `locomotion.py`, `precision.py`), which are campaigns of hours, and
+`interval_coverage.py` and `familywise_error.py`, which print tables of the documentation.
 """
 
 from __future__ import annotations

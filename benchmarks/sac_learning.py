@@ -5,7 +5,7 @@
 
 Part "easy": Random on the easy task space, 1.5 million steps, in both variants of the log deviation. Part
 "original": Random and ALP-GMM on the original space, 3 million steps. Prints every seed's mastered share and
-mean return over the steps; writes them to ``curves.json`` in the results root.
+mean return by step; writes them to ``curves.json`` in the results root.
 """
 
 from __future__ import annotations

@@ -44,8 +44,8 @@ def signal_to_noise(strata: Sequence[Mapping[str, ArrayLike]]) -> Estimate:
 def seed_correlation(tables: Sequence[Floats]) -> Estimate:
     """Return the intraclass correlation of runs with a common seed, with its F interval.
 
-    Shrout and Fleiss' (1979) ICC(3,1), the share of seeds in the variance of runs, pooled over tables after
-    each teacher's values are divided by their standard deviation.
+    This is Shrout and Fleiss' (1979) ICC(3,1), the share of seeds in the variance of runs, pooled over tables
+    after division of each teacher's values by their standard deviation.
 
     Args:
         tables: values of runs, seeds by teachers (n, k), at least (2, 2), with the same k in all tables.
@@ -92,6 +92,6 @@ def least_correlation(n: int) -> float:
 def pairing_helps(correlation: Estimate, n: int) -> bool:
     """Return True if the interval of the correlation is over `least_correlation`.
 
-    The correlation must be estimated from other runs than those to be tested, or the test is biased.
+    The test is biased unless the correlation is estimated from other runs than the tested ones.
     """
     return correlation.low > least_correlation(n)

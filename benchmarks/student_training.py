@@ -1,8 +1,8 @@
 """Training steps per processor second of our loop and of stable-baselines3's `learn`.
 
-Both are measured in turn in one process with one torch thread, by processor time, so that the ratio is
-meaningful on a noisy machine. SAC updates its networks every 10 steps on both sides, not at the end of an
-episode, since a short stretch may hold none; the number of updates is the same on average:
+Measured alternately in one process with one torch thread, by processor time, for a ratio that is reliable on
+a busy machine. Both variants of SAC update their networks every 10 steps, not at the end of an episode, which
+a short measurement may not reach; the number of updates is the same on average:
 
     python benchmarks/student_training.py --students ppo sac --precisions highest medium
 

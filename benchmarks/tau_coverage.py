@@ -1,6 +1,6 @@
 """Simulated coverage of the bootstrap interval of Kendall's tau: ``measured/tau_coverage.csv``.
 
-Effects of teachers and luck of seeds are normal; the other side has the 32 seeds of the paper's tables.
+Effects of teachers and of seeds are normally distributed; the side of the paper has its 32 seeds.
 """
 
 from __future__ import annotations

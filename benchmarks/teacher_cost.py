@@ -4,8 +4,8 @@
     python benchmarks/teacher_cost.py --episodes 12000 --csv benchmarks/measured/teacher_cost.csv
 
 Returns follow a formula instead of a student; episodes last 350 to 830 steps. If late episodes cost much more
-than early ones, the cost grows with the teacher's history. Times are processor times, so that other processes
-on the machine matter less.
+than early ones, the cost grows with the teacher's history. Times are processor times, which depend less on
+other processes of the machine.
 """
 
 from __future__ import annotations

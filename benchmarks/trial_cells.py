@@ -52,9 +52,9 @@ class Cell(NamedTuple):
 
     Attributes:
         name: challenge or environment, body and budget.
-        challenge: environment and challenge, which share the weight of one.
+        challenge: environment and challenge; cells of one challenge share its weight.
         hours: core-hours of a run.
-        samples: angle of the mastered share over training, rad, of each run of each teacher.
+        samples: `angle` of mastered % over training, rad, of the runs of each teacher.
     """
 
     name: str
@@ -126,8 +126,8 @@ def common_teachers(cells: Sequence[Cell]) -> list[str]:
 def decisiveness(cells: Sequence[Cell]) -> tuple[float, float]:
     """Return signal to noise of the mean over cells, and the core-hours of a seed in all cells.
 
-    Challenges have equal weight, and so have the bodies of each. The variance between teachers is without
-    what their seeds add to it.
+    Weights are equal for challenges, and for the bodies of a challenge. The variance between teachers is
+    corrected for the variance of their seeds.
     """
     weights, teachers = cell_weights(cells), common_teachers(cells)
     means = effects(cells, teachers)

@@ -29,7 +29,7 @@ CELLS = ((), ("original", "diverse_students/spider"), ("original",), ("rugged_di
 def row(setting: Setting, end: Setting, factor: float, trials: int) -> dict[str, object]:
     """Return the results of trials in which the new teacher is `factor` margins better than all others.
 
-    Wrong verdicts also with each teacher's own variances, and in the `end`, by its margin.
+    Wrong verdicts are also counted without least variances, and by the setting `end` with its own margin.
     """
     true = factor * setting.rules[0].margin
     found = simulate(setting, true, trials, SEED)

@@ -2,9 +2,9 @@
 
     python benchmarks/vector_envs.py --output vector_envs.json
 
-Random actions on a task of medium difficulty, with resets as episodes end. Measured in turn, by the processor
-time of all processes, and by wall time, which alone tells what threads gain, and nothing on a busy machine.
-Speeds are multiples of that of stable-baselines3's DummyVecEnv in the same turn.
+Random actions on a task of medium difficulty, with resets at the ends of episodes. Measured alternately, by
+the processor time of all processes, and by wall time, which shows the gain from threads, but is unreliable on
+a busy machine. Speeds are relative to stable-baselines3's DummyVecEnv in the same turn.
 """
 
 from __future__ import annotations

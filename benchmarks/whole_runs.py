@@ -55,11 +55,11 @@ class Meter:
     """Progress view that measures a pool of runs: steps and processor time.
 
     Attributes:
-        runs: that there are.
-        seconds: how long to measure once all runs learn, s.
-        learner: of the cohort, None if the runs learn alone.
-        others: processes that are no runs': the learner's.
-        samples: wall time, processor time of runs and of others in s, steps, and the learner's account.
+        runs: number of runs.
+        seconds: duration of the measurement after all runs have begun to learn, s.
+        learner: learner of the cohort; None if the runs learn alone.
+        others: ids of processes other than runs, such as the learner.
+        samples: wall time, processor times of runs and others in s, steps, and the learner's times by part.
     """
 
     runs: int

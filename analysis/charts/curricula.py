@@ -141,7 +141,7 @@ def _animated(shot: Shot, plane: tuple[Axis, Axis], steps: Sequence[int]) -> bas
 
 
 def _checked(shots: Sequence[Shot], steps: Sequence[int] | None) -> list[int]:
-    """Check runs, and return the steps to draw, by default their `moments`."""
+    """Return the steps to draw, by default the `moments` of the runs, after a check of both."""
     if not shots:
         raise ValueError("no runs: expected at least one, to draw its curriculum")
     for shot in shots:

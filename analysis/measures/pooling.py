@@ -1,4 +1,4 @@
-"""Pools: the runs whose results are one sample; and the conditions under which they are comparable."""
+"""Pools of runs, whose results form one sample, and conditions under which results are comparable."""
 
 import itertools
 import re

@@ -29,7 +29,7 @@ SEED = 3
 
 
 def height_axis(axis: Axes, low: float, high: float) -> None:
-    """Set the limits and labels of axes over stump heights from `low` to `high` and all gaps."""
+    """Set the limits and labels of axes over stump heights from `low` to `high` and gaps up to 6 m."""
     axis.set(xlim=(low - 0.2, high + 0.2), ylim=(-0.3, 6.3))
     axis.set(xlabel="mean stump height (terrain steps)", ylabel="gap between stumps (m)")
     axis.spines[["top", "right"]].set_visible(False)

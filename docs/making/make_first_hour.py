@@ -3,7 +3,7 @@
 python -m venv venv && venv/bin/pip install torch dist/tma_ray-*.whl
 python docs/making/make_first_hour.py venv/bin empty
 
-Commands that are in the transcript are not run again. A command that fails ends the script.
+Commands already in the transcript are not run again. The script ends at the first command that fails.
 """
 
 from __future__ import annotations

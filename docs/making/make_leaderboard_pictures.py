@@ -2,8 +2,8 @@
 
 python docs/making/make_leaderboard_pictures.py lite-2 --output docs/images/leaderboard
 
-``--differences`` draws the differences alone. Curricula are those of each teacher's first seed, which does
-not change while a release grows.
+``--differences`` draws the differences alone. Curricula show each teacher's first seed, which stays the same
+while a release grows.
 """
 
 from __future__ import annotations

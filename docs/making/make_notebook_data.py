@@ -4,7 +4,7 @@ python experiments/stump_tracks_challenges.py --tier lite --teachers random,alp_
     --results lite
 python docs/making/make_notebook_data.py lite --output notebooks/data
 
-It takes the first seeds of every cell, and of the saved policies that of the run that masters most.
+Keeps the first seeds of every cell, and the policy of the run that masters most tasks.
 """
 
 from __future__ import annotations

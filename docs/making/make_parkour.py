@@ -59,17 +59,17 @@ class View:
     """Cell of the picture: a body in a world of Parkour.
 
     Attributes:
-        body: its name.
+        body: name of the body.
         theta: input of the CPPN.
-        delta: by which heights are divided.
-        x: near where the body is, in m; it starts where ground or ceiling is level.
-        water: height of the water over the ground there, in m; None where it is dry.
-        creepers: their mean height and spacing, in m.
-        swinging: whether creepers swing.
-        grasp: whether the body is shown after it first holds a different thing in each hand.
+        delta: divisor of heights.
+        x: approximate position of the body, in m; it starts where ground or ceiling is level.
+        water: height of the water over the ground there, in m; None for dry ground.
+        creepers: mean height and spacing of creepers, in m.
+        swinging: True if creepers swing.
+        grasp: True to show the body once its hands first hold different things.
         lift: height over the ground at which the body starts, in m.
-        steps: how long it acts.
-        seed: of those who act at random.
+        steps: number of steps of the body.
+        seed: seed of random actions.
     """
 
     body: str

@@ -2,8 +2,8 @@
 
 python docs/making/make_parkour_test_sets.py --output tma_ray/benchmark/test_sets
 
-As in the paper, 60 tasks are from the medium task space and 40 are not: 20 with theta outside it, 20 with
-another delta. Prints the shares of random tasks that are feasible, and the limits of the thirds.
+As in the paper, 60 tasks are from the medium task space, 20 have a theta outside it, and 20 another delta.
+Prints the shares of random tasks that are feasible, and the limits of the thirds.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
 python docs/making/make_playground.py results --task 0.6,4
 
-It needs the PyPI package ziglang in the version that `tma_ray.playground.compiling` names, and for the film
-Chromium. What was built is told in docs/playground/built.json; a test compares it with the files.
+Needs the PyPI package ziglang in the version given in `tma_ray.playground.compiling`, and Chromium for the
+film. Describes the built files in docs/playground/built.json, which a test compares with the files.
 """
 
 from __future__ import annotations

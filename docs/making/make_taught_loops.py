@@ -2,8 +2,8 @@
 
     python docs/making/make_taught_loops.py --seeds 5
 
-Runs that benchmarks/measured/taught_loops.csv lacks are trained and added; a run takes up to two minutes of a
-quiet core. With `--seeds 0` the picture alone is drawn.
+Trains the runs that are missing in benchmarks/measured/taught_loops.csv, up to two minutes of an idle core
+each, and adds them to the file. `--seeds 0` only draws the picture.
 """
 
 from __future__ import annotations

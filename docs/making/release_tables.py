@@ -102,8 +102,8 @@ def simulated_students() -> str:
 def simulated_and_paper() -> str:
     """Return differences of the paper's teachers from Random, with simulated students and as published.
 
-    The paper's are Welch's tests of its means and deviations against Random at the same level of knowledge,
-    with Holm's correction for a challenge; it has no result of Random on the original space.
+    Published results are compared by Welch's test at the same level of knowledge, with Holm's correction
+    within a challenge; the paper has no result of Random on the original space.
     """
     here = mastered_table(_simulated_runs()[0])
     paper = find_baseline("paper-2021").published()
@@ -217,9 +217,9 @@ def untrained() -> str:
 def later_teachers() -> str:
     """Return tests of the later teachers of `lite-2` (not the paper's) against Random and ALP-GMM.
 
-    On both axes over all challenges, and the single ones on which a test finds that it is sooner or later,
-    corrected for these challenges. Teachers that lack challenges have no row. Each teacher is a family of its
-    own.
+    Both measures are tested over all challenges. Single challenges are listed if their test is significant
+    after a correction for their number. Teachers that lack challenges have no row. The tests of each teacher
+    are a separate family.
     """
     frames, runs = find_baseline("lite-2").frames(), _runs_of_lite_2()
     whole = runs.groupby("teacher")["challenge"].nunique()
@@ -251,7 +251,7 @@ def later_teachers() -> str:
 
 
 def _places(tests: pd.DataFrame) -> str:
-    """Return the challenges of tests as text, grouped into "sooner", "later" and undecided ones."""
+    """Return the challenges of significant tests as text, grouped into "sooner" and "later"."""
     words = {"better": "sooner", "worse": "later"}
     found: dict[str, list[str]] = {}
     for _, test in tests.iterrows():
@@ -263,8 +263,8 @@ def _places(tests: pd.DataFrame) -> str:
 def budget_rule() -> str:
     """Return tests of settings fitted to the budget against their authors' values, for teachers of `lite-2`.
 
-    Over all challenges that both have, of settings that differ in the budget alone. Holm's correction covers
-    all rows.
+    Both settings differ in the budget alone, and are compared over all challenges on which both have results.
+    Holm's correction covers all rows.
     """
     runs = dict(list(_runs_of_lite_2().groupby("teacher")))
     pairs = [(name, base_name(name)) for name in sorted(runs) if split_name(name)[1].keys() == {"budget"}]

@@ -2,9 +2,9 @@
 
 python docs/making/search_cppn_weights.py --seeds 1000 --output tma_ray/terrain/data/cppn.npz
 
-The release's weights are its own, so ours are drawn from the same distribution until the terrains of the
-paper's three boxes resemble the release's in clearance, slope and range. Hidden layers are drawn from a seed
-each; as the columns of the last layer are independent of them, many are tried for each of the former.
+The release's weights cannot be copied, so weights are drawn from the same distribution until the terrains of
+the paper's three boxes resemble the release's in clearance, slope and range. Hidden layers are drawn from a
+seed; many columns of the last layer, which are independent of them, are tried for each seed.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ BOXES = {
 
 @dataclasses.dataclass(frozen=True)
 class Figures:
-    """Statistics of the terrains of one box: shares of tasks, and means over tasks.
+    """Statistics of the terrains of one of the `BOXES`: shares of tasks, and means over tasks.
 
     Attributes:
         over_2_7: share whose smallest clearance is over 2.7 m, as high as a classic bipedal walker.
@@ -82,7 +82,7 @@ def hidden_layers(seed: int) -> dict[str, np.ndarray]:
 def columns(seed: int) -> np.ndarray:
     """Return candidates (64, 2, HEADS) for the columns of w5: of the ground, and of the ceiling.
 
-    The second half is the negative of the first, which is as likely.
+    The second half is the negative of the first, since both signs are equally likely.
     """
     half = truncated_normal(np.random.default_rng([seed, 1]), (SHAPES["w5"][0], 2, HEADS // 2))
     return np.concatenate([half, -half], axis=2)

@@ -35,7 +35,7 @@ LINK = re.compile(r"(?<=\]\()(?!\w+:|#)([^)\s#]+)(#[^)\s]*)?(?=\))")
 def on_config(config: Any) -> Any:
     """Add the version of the project to the footer of all pages.
 
-    A site of several versions, which mike makes, has a menu of them, too.
+    A site of several versions, made by mike, also has a menu of versions.
     """
     from tma_ray import __version__
     from tma_ray.benchmark import BENCHMARK_VERSION

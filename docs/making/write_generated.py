@@ -3,8 +3,8 @@
     python docs/making/write_generated.py           # renew stale parts, and print their names
     python docs/making/write_generated.py --check   # print their names, and exit with 1 if there are any
 
-A part stands between two marks, ``<!-- generated: NAME -->`` and ``<!-- end of generated -->``. NAME is in
-`tables.GENERATED`, or ``file PATH`` for a file in a code block, with its path from the root.
+A part stands between the marks ``<!-- generated: NAME -->`` and ``<!-- end of generated -->``. NAME is a key
+of `tables.GENERATED`, or ``file PATH`` (from the root) for a file in a code block.
 """
 
 from __future__ import annotations

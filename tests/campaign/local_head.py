@@ -33,7 +33,7 @@ class Head:
 
     Attributes:
         address: address for drivers.
-        jobs: address of the Jobs API; nothing answers there without a dashboard.
+        jobs: address of the Jobs API, which needs a dashboard.
         environment: environment variables of processes that use it, with the path of its token.
     """
 

@@ -1,6 +1,6 @@
 """Misbehaving teachers, named as ``misbehaving:Name``.
 
-They look for files in a folder: a file that a hyper-parameter named would be an input of the run.
+They look for files in a folder, since a file named by a hyper-parameter would be an input of the run.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ python tests/chaos/attack.py                          # three injections of each
 python tests/chaos/attack.py --injections 20          # a night
 python tests/chaos/attack.py --kinds gcs,s3 --seed 7
 
-Prints what was lost, and exits with 1 if that is anything, or if a kind did not come to its end.
+Prints the losses; exits with 1 if there are any, or if an attack did not finish.
 """
 
 from __future__ import annotations

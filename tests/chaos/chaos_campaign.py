@@ -1,4 +1,4 @@
-"""Campaign of the chaos tests: both students, an adaptive teacher, and one that is not."""
+"""Campaign of the chaos tests: PPO under an adaptive teacher, and SAC under Random."""
 
 from __future__ import annotations
 

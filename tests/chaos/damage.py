@@ -3,10 +3,9 @@
 python tests/chaos/damage.py                      # 500 damaged files: some minutes
 python tests/chaos/damage.py --files 2000 --seed 7
 
-Prints how many were damaged by kind, and exits with 1 if a command ended in a traceback, if a run whose
-files are whole got lost, if `verify` overlooked a change of a file that readers trust, if a ranking changed
-and named none of the damaged files, or if the tables of the runs that were started again differ from those
-of undisturbed ones.
+Prints the number of damaged files by kind. Exits with 1 if a command ended in a traceback, if a run with
+undamaged files was lost, if `verify` overlooked a change of a file that readers trust, if a ranking changed
+without naming a damaged file, or if the tables of resumed runs differ from those of undisturbed runs.
 """
 
 from __future__ import annotations

@@ -46,7 +46,7 @@ class Fault:
         injected: number of injections.
         rows_lost: lost rows of all data tables, against the undisturbed campaign.
         bytes_different: different bytes of all data tables.
-        recovery_seconds: times from the faults until training went on, s.
+        recovery_seconds: times from the faults until training continued, s.
     """
 
     name: str
@@ -229,7 +229,7 @@ def undisturbed_files(
 ) -> dict[str, bytes]:
     """Return the data files of an undisturbed campaign, executed in this process without Ray.
 
-    Runs learn alone, or each in an otherwise empty cohort of a width.
+    Runs learn alone, or in separate cohorts of a given width.
     """
     campaign = replace(getattr(importlib.import_module(module), name), seeds=tuple(range(seeds)))
     with tempfile.TemporaryDirectory() as root, ExitStack() as stack:

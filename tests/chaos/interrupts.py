@@ -3,7 +3,7 @@
 python tests/chaos/interrupts.py                      # 100 commands
 python tests/chaos/interrupts.py --tries 1000 --seed 7
 
-Prints how many ended as they should, and exits with 1 if any did not.
+Prints the number of commands that ended as expected, and exits with 1 if any did not.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class Try:
         command: words of the command.
         after: time of the interrupt after the start, s.
         code: exit code.
-        said: text on standard error and output.
+        said: text on standard output and standard error.
     """
 
     command: str

@@ -1,6 +1,6 @@
 """Cluster on this machine whose nodes can be added, killed, frozen and thawed, in a separate process.
 
-Ray keeps one connection per process, and tests of other folders have theirs.
+Ray has one connection per process, which tests of other folders use.
 """
 
 from __future__ import annotations
@@ -80,9 +80,9 @@ class Nodes:
         _signal(processes, signal.SIGCONT)
 
     def ended(self, processes: set[int]) -> bool:
-        """Return True if all of the processes have ended.
+        """Return True if all of these processes have ended.
 
-        A raylet that nobody waits for stays a zombie, which its workers take for alive.
+        A raylet whose parent does not wait for it stays a zombie, which its workers consider alive.
         """
         self._ask("reap")
         return not living(processes)

@@ -1,7 +1,7 @@
 """Environment and teacher whose module injects requested faults into the process that imports it.
 
-A test puts a file into the folder of requests; the first process that comes to the place of that name takes
-the file away and does what the name says. Workers and driver import this module, since the campaign names it.
+A test creates a file in the folder of requests; the first process that reaches the place in the code with
+that name removes the file and injects the fault. Workers and driver import this module for the campaign.
 """
 
 from __future__ import annotations

@@ -178,7 +178,7 @@ class Mistake:
 
     Attributes:
         words: words of the command line.
-        named: texts of which the error message has to contain one.
+        named: texts, one of which must occur in the error message.
         kind: kind of the wrong value, or of another mistake.
     """
 

@@ -1,8 +1,8 @@
 """Test bed of virtual machines ("nodes") made of Linux namespaces, with separate networks and sshd.
 
-A node is a set of namespaces. Its root is this machine's, with changes that stay its own (overlays). Its only
-network is one bridge, which lies in namespaces of its own, too: nothing is added to this machine's network,
-and all mounts end with the processes. Needs Linux, root, and the programs in `PROGRAMS`.
+A node is a set of namespaces. Its file system is this machine's, with private changes (overlays). Its only
+network is a bridge in separate namespaces: this machine's network is unchanged, and all mounts end with the
+processes. Needs Linux, root, and the programs in `PROGRAMS`.
 
 By hand, until Enter is pressed::
 

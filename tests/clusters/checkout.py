@@ -51,8 +51,8 @@ def copy_checkout(folder: Path, wheel: Path) -> None:
 def lend_environment(node: Node) -> None:
     """Give the node's user write access to the virtual environment, and a link to it, ``~/venv``.
 
-    What the cluster's files install is there, in the same versions: no package index is needed. Kernels are
-    compiled once for all beds.
+    It has the packages that the cluster's files install, in the same versions, so no package index is needed.
+    Kernels are compiled once for all beds.
     """
     node.run(
         f"chown -R {USER}: {VENV}/bin {PACKAGES}/*tma_ray*; chown {USER}: {PACKAGES}; "

@@ -1,4 +1,4 @@
-"""Bodies under the protocols with which the original release was measured.
+"""Measurements of bodies by the protocols that were used for the original release.
 
 ``python tests/physics/behaviour.py`` prints the tables of docs/fidelity.md.
 """

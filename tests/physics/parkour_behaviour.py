@@ -1,4 +1,4 @@
-"""Bodies in Parkour under the protocols with which the original release was measured.
+"""Measurements of bodies in Parkour by the protocols that were used for the original release.
 
 ``python tests/physics/parkour_behaviour.py`` prints the tables of docs/fidelity.md.
 """

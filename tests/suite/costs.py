@@ -1,6 +1,6 @@
 """Plug-in that lists the processor seconds of cases and their child processes, slowest first.
 
-Wall time tells of neighbours on the machine too; processor time of the case alone.
+Unlike wall time, processor time does not depend on other processes of the machine.
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ def pytest_runtest_makereport(
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
     """Add the seconds since the previous case to the last report of a case.
 
-    A fixture of larger scope falls to the case that is first to ask. One reading a case: each asks the system
-    for every thread of every process that this one has started.
+    A fixture of larger scope counts to the first case that requests it. There is one reading per case, since
+    a reading asks the system for all threads of all child processes.
     """
     report = yield
     if call.when == "teardown":

@@ -1,8 +1,8 @@
 """Plug-in that distributes cases over processes: cases of a module, or of a service, share one.
 
-A Ray, an S3 server or a browser is started by one process only, and one makes the campaign that pages show.
-Their cases wait more than they compute, and come first, beside modules that only compute; all else comes in
-the order of the session.
+Only one process starts Ray, an S3 server or a browser, and only one makes the campaign that pages show. The
+cases of these services come first, since they wait more than they compute, and run beside other modules;
+other cases keep the order of the session.
 """
 
 from __future__ import annotations

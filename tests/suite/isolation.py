@@ -77,7 +77,7 @@ def _restored_surroundings() -> Iterator[None]:
 
 @pytest.fixture(autouse=True)
 def _restored_generators() -> Iterator[None]:
-    """Restore global random generators, which are not seeded, since no code may use them."""
+    """Restore the global random generators, which no code of the project may use."""
     plain, arrays = random.getstate(), np.random.get_state()  # noqa: NPY002
     torch = sys.modules.get("torch")
     tensors = torch.get_rng_state() if torch else None

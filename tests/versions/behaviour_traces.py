@@ -1,8 +1,8 @@
 """Short trajectories of all shipped teachers, students and environments, reduced to a few numbers.
 
-Processors differ in the last bits of a sum, so that a hash of a trajectory would differ between machines. A
-trace is a row of weighted means over the whole trajectory instead: any change of behaviour moves it by far
-more than rounding does.
+A hash of a trajectory would differ between machines, whose processors round sums differently. A trace is
+instead a row of weighted means over the whole trajectory, which a change of behaviour moves by far more than
+rounding does.
 """
 
 from __future__ import annotations

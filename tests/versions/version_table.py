@@ -1,11 +1,11 @@
 """Table of versions (``versions.json``): traces of components by version, and versions of releases.
 
-Renew it after a change of behaviour, with the versions of what changed raised::
+After a change of behaviour, raise the versions of the changed components and renew the table::
 
     python tests/versions/version_table.py
 
-An entry is overwritten only as long as no released benchmark has its version. When a benchmark version is
-tagged, ``python tests/versions/version_table.py --release`` freezes it.
+An entry is overwritten only while no released benchmark has its version. When a benchmark version is tagged,
+``python tests/versions/version_table.py --release`` freezes it.
 """
 
 from __future__ import annotations
@@ -77,8 +77,8 @@ def behaviour_problem(table: Table, part: str, name: str, found: dict[str, list[
 def benchmark_problem(table: Table) -> str | None:
     """Return a message if the versions of the benchmark contradict the table, else None.
 
-    A teacher, student or environment that is added changes no released run, and so needs no new version;
-    the next ``--release`` freezes its behaviour with the others'.
+    An added teacher, student or environment changes no released run, and needs no new version of the
+    benchmark; the next ``--release`` freezes its behaviour.
     """
     now, pinned = current(), dict(_benchmarks(table)).get(BENCHMARK_VERSION)
     if pinned is None:

@@ -95,7 +95,7 @@ def _frames(chart: Chart) -> Iterator[NDArray[np.uint8]]:
 
 
 def lay_out(chart: Chart) -> tuple[Figure, Drawn]:
-    """Return a figure with an empty panel per panel of a chart: axes with bounds, ticks and headings."""
+    """Return a figure with empty axes, one per panel of a chart, with bounds, ticks and headings."""
     rows, columns = len(chart.panels), len(chart.panels[0])
     width, height = chart.size
     top = chart.legend in (Legend.TOP, Legend.BESIDE)

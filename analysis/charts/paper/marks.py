@@ -48,7 +48,7 @@ def _draw(mark: base.Mark, *_: object) -> None:
 
 @_draw.register
 def _(mark: base.Curve, axes: Axes, panel: base.Panel) -> None:
-    """Draw a curve from the first to the last step that all runs have reached, and thinner from there."""
+    """Draw a curve, thin after the last step that all runs have reached."""
     whole = np.ones(len(mark.x), bool) if mark.n is None else mark.n == mark.n.max()
     start, end = (int(index) for index in np.flatnonzero(whole)[[0, -1]])
     x, colour = mark.x[start:], mark.look.colour
