@@ -89,7 +89,7 @@ MEASURE = "mastered_percent"
 EARLY = 0.25  # share of the budget at which the second radar is drawn (paper, sample efficiency)
 
 FILE_NAME = ("experiment", "embodiment", "student", "expert_knowledge")
-"""Columns whose values name the files of a comparison, unless another one has the same values."""
+"""Columns whose values name the files of a comparison, as long as these names are unique."""
 
 STARS = 4  # number of stars along a budget: one every 5 of 20 million steps
 

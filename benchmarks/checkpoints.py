@@ -26,10 +26,11 @@ from tma_ray.support.quantities import COUNT
 
 EPISODE_STEPS = 1_000
 NEW_TRANSITIONS = (100_000, 500_000)
-"""Between two checkpoints: what SAC collects in ten minutes on a core, and between two evaluations."""
+"""Numbers of transitions between two checkpoints: ten minutes of SAC on a core, and one evaluation
+interval."""
 
 WITHOUT_UPDATES = {"updates": "interleaved", "exploration_steps": 10**9}
-"""Hyper-parameters with which SAC stores transitions and never trains."""
+"""Hyper-parameters with which SAC only stores transitions."""
 
 
 def new_run(student: str, store: Store, attempt: int) -> Run:

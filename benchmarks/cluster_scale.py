@@ -40,13 +40,13 @@ from tma_ray.testing import find_simulated_challenge, simulate
 RAYLETS, PLACES = 4, 16
 
 PLAYERS = 8
-"""Processes that train students."""
+"""Number of processes that train students."""
 
 EPISODES = 60
-"""Episodes of a run."""
+"""Number of episodes of a run."""
 
 WARM = 200
-"""Runs after which the driver's memory is first looked at."""
+"""Number of finished runs before the first measurement of the driver's memory."""
 
 
 class Trainer:

@@ -34,25 +34,25 @@ from tma_ray.students.cohort.sac import SACNetworks, StackedSAC
 from tma_ray.students.hyperparameters import MatmulPrecision, PPOHyperparameters, SACHyperparameters
 
 SIZES = 24, 4
-"""Observations and actions of the classic bipedal."""
+"""Numbers of observations and actions of the classic bipedal."""
 
 SPACES = spaces.Box(-np.inf, np.inf, SIZES[:1], np.float32), spaces.Box(-1.0, 1.0, SIZES[1:], np.float32)
 
 ROWS = 20_000
-"""Transitions in every replay."""
+"""Number of transitions in each replay buffer."""
 
 STEPS = {"sac": 10.0, "ppo": PPOHyperparameters.batch_size / PPOHyperparameters.epochs}
 """Environment steps for each update of a run."""
 
 
 UPDATES = 10
-"""Between two looks at the clock."""
+"""Number of updates between two checks of the time."""
 
 WHOLE = {"ppo"}
-"""Students of whose whole runs a step is measured."""
+"""Students whose whole runs are measured."""
 
 PREPARATION = 120.0
-"""Of whole runs of a student, alone and in a cohort, before they are measured, s."""
+"""Time for whole runs of a student before their measurement, alone and in a cohort, s."""
 
 
 class SAC:

@@ -30,7 +30,7 @@ from tma_ray.students.rollout_workers.link import LearnerLink
 STEPS, OBSERVATION, ACTION, HIDDEN = 300, 24, 4, (400, 300)
 
 WARM_UP = 20
-"""Exchanges before a measurement."""
+"""Number of exchanges before a measurement."""
 
 
 def experience() -> tuple[Any, ...]:

@@ -22,7 +22,7 @@ from analysis.statistics.estimates import (
 SIZES = (2, 3, 5, 10, 32)
 STRATA = (1, 5)
 LARGE = 400_000
-"""Values that stand for a whole population."""
+"""Number of values that represent the population."""
 
 Floats = NDArray[np.float64]
 Draw = Callable[[np.random.Generator, float, tuple[int, ...]], Floats]

@@ -27,7 +27,7 @@ BODIES = {
     "easy_swimming": "fish",
     "easy_climbing": "climbing_chimpanzee",
 }
-"""The embodiment trained in each challenge."""
+"""Body of each challenge."""
 
 CAMPAIGN = Campaign(
     name="locomotion",

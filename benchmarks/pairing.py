@@ -31,7 +31,7 @@ TEACHERS = ("random", "riac", "alp_gmm")
 MEASURES = ("mastered", "episodic_return")
 
 CELL = ["embodiment", "teacher", "student"]
-"""Columns that tell the runs of a seed apart."""
+"""Columns that distinguish runs with the same seed."""
 
 
 def plan(seeds: int) -> Plan:

@@ -35,13 +35,13 @@ BODIES = (WALKER, "fish")
 SEEDS = (1000, 1001)
 
 MILLIONS = 3, 4, 5, 6
-"""Budgets at which signal to noise is shown, in millions of steps."""
+"""Budgets for which signal to noise is shown, in millions of steps."""
 
 LITE_MILLIONS = MILLIONS[1:]
-"""Budgets among which that of tier lite is chosen."""
+"""Candidate budgets of tier lite, in millions of steps."""
 
 ENOUGH = 0.95
-"""Share of the highest decisiveness from which on a smaller budget is taken."""
+"""Share of the highest decisiveness that suffices for a smaller budget."""
 
 
 def plan() -> Plan:

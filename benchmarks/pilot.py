@@ -53,35 +53,35 @@ SPACES = (
     ("mostly_unfeasible", "classic_bipedal"),
     ("diverse_students", "spider"),
 )
-"""Challenge and body."""
+"""Task spaces: challenge and body."""
 
 CELL = ["challenge", "embodiment", "teacher", "student"]
-"""Columns that tell the samples apart."""
+"""Columns of a sample."""
 
 RUN = [*CELL, "steps", "seed"]
-"""Columns that tell the runs apart."""
+"""Columns of a run."""
 
 INTERVAL = 250_000
-"""Steps between evaluations; the screen has twice as many."""
+"""Steps between evaluations of the present schedule; the screening has twice as many evaluations."""
 
 STEPS = 2_000_000
-"""Budget of the paper's student, whose core-seconds all have."""
+"""Budget of the paper's student, whose core-seconds are the budget of all students."""
 
 MILLIONS = 1, 2, 3, 4, 5
-"""Budgets that part "budget" is read at."""
+"""Budgets evaluated in part "budget", in millions of steps."""
 
 SEEDS = {"screen": tuple(range(1000, 1004)), "budget": tuple(range(1004, 1007))}
 
 ENOUGH = 1.3
-"""Signal to noise, in units of the paper's student's, from which on there is a new release."""
+"""Least signal to noise for a new release, as a ratio to that of the paper's student."""
 
 STRETCH, STRETCHES = 40_000, 5
-"""Fewest steps by which costs are measured, and how often."""
+"""Least number of steps of a measurement of costs, and number of measurements."""
 
 PARTS = ("rollouts", "changes", "students", "budget")
 
 WALKER_STEPS = 1_000_000
-"""Steps for which walking policies were trained."""
+"""Training steps of the walking policies."""
 
 
 def changed(rollouts: str) -> dict[str, str]:

@@ -27,7 +27,7 @@ from replays import (  # type: ignore[import-not-found]
 )
 
 CLOSE = 1e-9
-"""Largest difference of any state that counts as the same, in SI units."""
+"""Largest difference between states that are considered equal, in SI units."""
 
 
 def largest(episode: dict[str, Any]) -> float:

@@ -31,7 +31,7 @@ from tma_ray.support.quantities import COUNT
 REFERENCE = MatmulPrecision.HIGHEST
 
 EVALUATIONS = 8
-"""After the first step, at equal distances."""
+"""Number of evenly spaced evaluations after the first step."""
 
 MEASURES = {"mastered": "mastered tasks, %", "episodic_return": "mean return"}
 

@@ -29,7 +29,7 @@ SMALLEST = {
     "analysis_scale": "--root build/smallest_benchmark --seeds 1 --steps 500000",
     "analysis_commands": "--root build/smallest_separate --seeds 1 --steps 500000",
 }
-"""The scripts in order, each with arguments with which it takes seconds and its figures mean nothing."""
+"""Scripts in order, with arguments for a run of seconds, whose results are meaningless."""
 
 
 def main() -> None:

@@ -22,7 +22,7 @@ from tma_ray.runs import Cell, Schedule
 from tma_ray.tasks import MASTERY_RETURN
 
 CLAMP = "sac:log_std=clamp"
-"""The variant of the log deviation that stable-baselines3 has."""
+"""Variant of the log deviation in stable-baselines3."""
 
 
 def plan(parts: tuple[str, ...], seeds: int, precision: str) -> Plan:

@@ -26,7 +26,7 @@ PARTS: dict[str, tuple[Cell, ...]] = {
     ),
     "stock": (Cell(student="stock:ppo"),),
 }
-"""Cells by the way in which they are run; the first is compared with the others."""
+"""Cells by part; the first cell is compared with all others."""
 
 
 def plan(parts: tuple[str, ...], seeds: int) -> Plan:

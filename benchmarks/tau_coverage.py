@@ -21,7 +21,7 @@ CORRELATIONS = (0.0, 0.7, 1.0)
 """Correlations of the true effects of both sides."""
 
 REPEATS = 400
-"""Simulated results behind the tau that runs have on average."""
+"""Number of simulated results for the mean tau of other runs."""
 
 
 class Truth:

@@ -28,7 +28,7 @@ from tma_ray.testing.students import report_episode
 SHARE = 0.25
 
 PRESETS = "goal_gan:preset=release", "setter_solver:preset=release", "spdl:preset=release"
-"""Teachers of releases with other settings than the defaults."""
+"""Teachers of releases with settings other than the defaults."""
 
 
 def cost(name: str, episodes: int) -> dict[str, float | str]:

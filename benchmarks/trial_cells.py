@@ -36,13 +36,13 @@ PILOT = Path(__file__).parent / "measured" / "parkour_pilot.csv"
 RELEASE, STUDENT = "lite-2", "ppo:preset=decisive"
 
 TRIALS = 1_000
-"""Simulated trials of each teacher."""
+"""Number of simulated trials of each teacher."""
 
 MILLIONS = 2, 3, 4, 5, 6
-"""Budgets at which Parkour is read, in millions of steps; Stump Tracks has 2 million."""
+"""Budgets evaluated in Parkour, in millions of steps; Stump Tracks has 2 million."""
 
 QUANTILES = float(stats.norm.ppf(TAIL) + stats.norm.ppf(POWER))
-"""Standard errors by which a difference must exceed 0 to be found with the usual power."""
+"""Difference that is detected with power `POWER`, in standard errors."""
 
 Samples = Mapping[str, NDArray[np.float64]]
 

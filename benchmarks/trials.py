@@ -21,7 +21,7 @@ from analysis.trials.rules import Setting, SimulatedOutcomes, TrialVerdict, simu
 TRIALS = 4_000
 
 SEED = 2026
-"""Seed of the trials, other than `SIMULATION_SEED`."""
+"""Seed of the trials, different from `SIMULATION_SEED`."""
 
 CELLS = ((), ("original", "diverse_students/spider"), ("original",), ("rugged_difficulty",))
 

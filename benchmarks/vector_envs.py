@@ -34,10 +34,10 @@ TASK = np.array([1.5, 3.0])
 Actions: TypeAlias = NDArray[np.float32]
 
 Step: TypeAlias = Callable[[Actions], object]
-"""Steps all environments of a vector with actions (n, a)."""
+"""Function that steps all environments of a vector with actions (n, a)."""
 
 Maker: TypeAlias = Callable[[int], tuple[Step, Callable[[], None]]]
-"""Return the functions that step and close a vector of so many environments."""
+"""Function that returns functions to step and close a vector of the given number of environments."""
 
 
 class OnOneTask(gymnasium.Wrapper[Any, Any, Any, Any]):

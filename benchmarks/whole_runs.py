@@ -25,22 +25,22 @@ from tma_ray.students.rollout_workers import CohortSettings
 from tma_ray.students.rollout_workers.link import ask_learner
 
 EXPLORATION = {"sac": {"exploration_steps": 1000}}
-"""Hyper-parameters that let students learn soon."""
+"""Hyper-parameters with which students learn early."""
 
 FIRST_STEPS = 2_000
-"""Steps of each run before the measurement begins: students of all kinds learn from then on."""
+"""Steps of each run before the measurement, after which all students learn."""
 
 LONGER_THAN_MEASURED = 100_000_000
-"""Budget and intervals of the runs, none of which ends, in environment steps."""
+"""Budget and intervals of the runs, in environment steps, too long to be reached."""
 
 PLAYER = "acting", "environment", "collecting"
-"""Parts of a player's step; the last has the exchange with the learner, without the time it waits."""
+"""Parts of a player's step; the last includes the exchange with the learner, without waiting for it."""
 
 LEARNER = "asking for updates", "requests", "deliveries", "waiting"
 """Parts of a learner's time."""
 
 PLAYED = 6_000
-"""Steps by which a player's parts are measured."""
+"""Number of steps over which a player's parts are measured."""
 
 
 def runs_of(student: str, count: int) -> list[RunSpec]:

@@ -48,7 +48,7 @@ HELD: Final = {
     "steps": "steps",
     "seeds": "seed",
 }
-"""Columns of cells by the names under which a manifest lists their values."""
+"""Columns of cells, by the key of their values in a manifest."""
 
 
 def release(

@@ -20,7 +20,7 @@ from analysis.data.frames import Frames
 from tma_ray import results
 
 RELEASED_SUFFIXES: Final = (".json", ".parquet", ".safetensors", ".md", ".jsonl.gz")
-"""Suffixes of files of a baseline, except inputs of its runs; none is of executable content."""
+"""Suffixes of the files of a baseline, none of them executable, except inputs of its runs."""
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ ONE_COLUMN, TWO_COLUMNS, PAGE_WIDTH = 3.3, 6.9, 10.2
 """Widths of a paper's column, of both columns, and of a page on the screen, inches."""
 
 LEAST_PERCENT = 5.0
-"""Least upper bound of axes of mastered %, so that one task of a hundred never looks like a triumph."""
+"""Least upper bound of axes of mastered %, which keeps a single task of a hundred near 0."""
 
 TEACHERS_PER_PANEL = 8  # largest number of teachers in one panel, besides Random
 LONGEST_NAME = 38  # largest number of characters of a teacher's name in a chart

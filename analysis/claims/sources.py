@@ -116,7 +116,7 @@ class Source(Protocol):
 
 
 USUAL = "the paper's bodies, students and test tasks"
-"""Name of conditions for which `pooling.condition_words` has no words."""
+"""Name of conditions that `pooling.condition_words` does not mention."""
 
 
 class PaperSource:

@@ -52,8 +52,8 @@ FRAME = ["measure", "first", "second", "family", "challenges", "fewest", *TEST, 
 """Columns of `pairwise` besides the columns `within` and `CORRECTED`."""
 
 CORE, NEWCOMERS = "core", "newcomers"
-"""Families of tests between teachers of a core, and between newcomers. Tests of a newcomer with the core are
-a family named by it."""
+"""Families of tests between core teachers, and between newcomers. Tests of a newcomer against the core are a
+family with its name."""
 
 Randoms: TypeAlias = Mapping[Any, pd.DataFrame]
 

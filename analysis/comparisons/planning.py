@@ -26,7 +26,8 @@ student of the plan."""
 FLOOR = 5.0  # mastered % of the best teacher below which a challenge's deviations are unusable
 
 LITE_BUDGET = 6_000_000
-"""Largest budget in steps that is nearer, as a ratio, to the 2 million of `LITE` than to the paper's 20."""
+"""Largest budget, in steps, that is closer (as a ratio) to the 2 million steps of `LITE` than to the paper's
+20 million."""
 
 
 def detectable_differences(

@@ -22,7 +22,7 @@ NAMED = ["challenge", "environment", "embodiment", "student", "teacher", "test_s
 """Columns of cells that name a part of a run; challenges come before the environments they belong to."""
 
 NAME_SCOPE = ["engine", "physics_version"]
-"""Columns that keep runs apart everywhere, so that a name may have another meaning under other values."""
+"""Columns within which a name has a single meaning."""
 
 RUN_CONDITIONS: Final = {
     "steps": "{:,.0f} steps",
@@ -30,7 +30,7 @@ RUN_CONDITIONS: Final = {
     "mastery_threshold": "mastered over {:g}",
     "test_set": "test set {}",
 }
-"""Columns that runs of one experiment must have in common, and how a name states a value."""
+"""Columns that runs of one experiment must have in common, with the formats of their values in names."""
 
 CONDITIONS = ["steps", "engine", "physics_version", "mastery_threshold", "variant"]
 """Columns of pools that results must have in common to be counted, drawn or aggregated together."""
@@ -39,7 +39,7 @@ TABLE_CONDITIONS = [*CONDITIONS[:-1], "test_set"]
 """Columns of pooled results whose values never share a table; test_set is empty for the shipped ones."""
 
 SETTINGS = ["steps", "test_sets", "engine", "physics_version", "mastery_threshold"]
-"""Columns that runs of a challenge must have in common for their numbers to mean the same."""
+"""Columns that runs of a challenge must have in common for comparable results."""
 
 COMPARED = ["environment", "challenge", "pool", "expert_knowledge", *SETTINGS, "variant"]
 """Columns that teachers must have in common to be compared."""
@@ -63,7 +63,7 @@ CHALLENGE_LEVEL = ["environment", "challenge", "expert_knowledge"]
 """Columns of a challenge at a level of expert knowledge."""
 
 RANDOM_APART = ("experiment", "expert_knowledge")
-"""Columns of a comparison that make no difference to Random."""
+"""Columns of a comparison that do not affect Random."""
 
 RANDOM_ALIKE = [*(column for column in COMPARISON if column not in RANDOM_APART), *RUN_CONDITIONS]
 """Columns that Random must have in common with the teachers of a report that are tested against it."""

@@ -17,8 +17,8 @@ from tma_ray.tasks import MASTERY_RETURN
 PANELS = 5  # number of equal parts of a run, each shown in a panel
 
 RETURN_RANGE = (-100.0, 300.0)
-"""Returns at the ends of the colours in worlds of the benchmark: falling at once, and crossing the track.
-Worlds with another mastery threshold are coloured from the 2nd to the 98th percentile."""
+"""Ends of the colour scale of returns in worlds of the benchmark: an immediate fall, and the end of the
+track. In worlds with another mastery threshold, they are the 2nd and 98th percentile."""
 
 
 @dataclass(frozen=True, eq=False)

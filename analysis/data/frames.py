@@ -22,10 +22,10 @@ OF_ONE_RUN = {
     Table.CURRICULUM: ["step", "sample", "task"],
     Table.TEACHER_LOG: ["step", "gaussians", "boxes", "scalars"],
 }
-"""Columns that are read of the long tables of single runs; tasks are float32 (d,)."""
+"""Columns of the long tables that are read for single runs; tasks are float32 (d,)."""
 
 WINDOW_COLUMNS = ["run_id", "step", "episodes", "mean_return", "mean_length"]
-"""Columns that views read of the windows of training: each column of thousands of small files takes time."""
+"""Columns of the training windows that views use; reading more from thousands of small files takes time."""
 
 SHOWN_RUNS = 3
 """Number of runs that a message names."""

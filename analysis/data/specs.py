@@ -14,13 +14,13 @@ from tma_ray.support.decoding import DamagedFileError, decode_json
 from tma_ray.tasks import MASTERY_RETURN
 
 OF_BODIES = ("embodiment", "original_embodiment")
-"""Options of environments that repeat the column of the body; the second is of imported runs."""
+"""Options of environments that repeat the column of the body; the second occurs in imported runs."""
 
 BEFORE_VERSIONS = "before 1"  # version of algorithms in specs that predate version numbers
 
 
 SEED = re.compile(r'"seed": \d+, "student":')
-"""The seed in a spec, whose keys are sorted, with the key that follows it."""
+"""Regular expression of the seed and the next key in a spec with sorted keys."""
 
 
 def parsed(text: object) -> dict[str, Any]:

@@ -15,13 +15,13 @@ from analysis.statistics import describe
 from tma_ray.support.component_names import base_name
 
 FEW_WINDOWS = 8
-"""Number of training windows under which training returns are read from the episodes."""
+"""Least number of training windows for a training curve; with fewer, returns are read from the episodes."""
 
 CURVE_POINTS = 40
-"""Points of a training curve read from the episodes."""
+"""Number of points of a training curve that is read from the episodes."""
 
 RECENT = 20
-"""Latest episodes whose mean is a point of such a curve."""
+"""Number of latest episodes that are averaged for a point of such a curve."""
 
 
 @computed_once
@@ -80,7 +80,7 @@ def _recent_returns(episodes: pd.DataFrame) -> pd.DataFrame:
 
 
 LAST = 3
-"""Number of evaluations behind last_three."""
+"""Number of evaluations averaged in last_three."""
 
 MEASURED = ["mastered_area", "last_three", "mastered_percent", "evaluation_return"]
 """Measures of a run up to an evaluation, the headline first."""

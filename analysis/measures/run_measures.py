@@ -15,7 +15,7 @@ from tma_ray.support.quantities import SHARE, STEP
 from tma_ray.support.validation import check_sequence
 
 NOT_FINITE = "returns not finite"
-"""Reason of runs without measures since their last evaluation has NaN or infinite returns."""
+"""Reason for missing measures: the last evaluation has NaN or infinite returns."""
 
 
 SHARES = (0.5, 0.9)

@@ -36,8 +36,8 @@ MEASURES = {HEADLINE: "over training", FINAL: "in the end", PAPERS: "last evalua
 """Measures in the order in which they are shown, with their table headings."""
 
 AREA_MARGIN = DEFAULT_MARGIN / 2
-"""Equivalence margin of means over training, in points: mastery grows about evenly, so its mean is half of
-its end."""
+"""Equivalence margin of means over training, in points: half of the margin at the end, since mastery grows
+roughly linearly."""
 
 MARGINS = {HEADLINE: AREA_MARGIN, TRAINED: AREA_MARGIN}
 """Equivalence margins of measures whose margin is not `DEFAULT_MARGIN`."""
@@ -151,7 +151,7 @@ THAN: Final = {
     Verdict.ALIKE: "alike, within the margin, with",
     Verdict.OPEN: "not distinguishable from",
 }
-"""Words of verdicts before the name of the other teacher."""
+"""Phrases of verdicts, to be followed by the name of the other teacher."""
 
 AXES: Final = {HEADLINE: "sooner", FINAL: "in the end"}
 """Axes by which teachers are compared, by measure: mean over training, and last three evaluations."""

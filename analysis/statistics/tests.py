@@ -23,7 +23,8 @@ MOST_ARRANGEMENTS = 20_000
 """Largest number of arrangements that are enumerated; two samples of 8 runs have 12,870."""
 
 DRAWN_ARRANGEMENTS = 9_999
-"""Random arrangements in place of more, for a smallest p of 1 in 10,000 (Davison and Hinkley, 1997)."""
+"""Number of random arrangements if there are more, for a smallest p of 1 in 10,000 (Davison and Hinkley,
+1997)."""
 
 PERMUTATION_SEED = 0  # seed of random arrangements, fixed so that p is a function of the samples
 

@@ -28,7 +28,7 @@ Point = tuple[int, dict[str, float]]  # step, and scalars by tag
 
 
 RUNS_AT_ONCE: Final = 32
-"""Number of runs that are read together, a compromise of requests to an object store and memory."""
+"""Number of runs that are read together, a compromise between requests to an object store and memory."""
 
 
 class Tracker(ABC):

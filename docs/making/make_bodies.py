@@ -23,7 +23,7 @@ from tma_ray.physics.rules import BodyArrays
 
 COLUMNS = 5
 WIDTH, HEIGHT, MARGIN = 4.2, 6.2, 0.35
-"""Size of a cell, and how much of it is soil, in m."""
+"""Width and height of a cell, and height of the soil in it, in m."""
 
 HEAD, LIMB, OUTLINE, GRIP = "#5662b2", "#8a94d8", "#2a3060", "#f0b429"
 SKY, WATER, SOIL, SOIL_EDGE = "#e3edf5", "#a9d3e8", "#687a5c", "#42543c"

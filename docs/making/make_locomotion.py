@@ -20,7 +20,7 @@ sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 from locomotion import BODIES, random_return
 
 WANTED = 150.0
-"""Mean return from which a body counts as having learned to move, for all but the climber."""
+"""Mean return of a body that has learned to move, except climbers."""
 
 FILM_STEPS, STEPS_PER_FRAME = 450, 5
 SEED_COLOURS = ("#1b6f9c", "#d1603d", "#5d8a4a")

@@ -35,20 +35,20 @@ CELL, GAP, CAPTION, MAP = (3.7, 3.75), 0.15, 0.6, 0.55
 DPI = 110
 
 LEVEL = 2.0, 0.4
-"""A place is level where, so far around it, heights differ by no more than that, in m."""
+"""Distance around a level place, and largest difference of heights within it, in m."""
 
 SOIL, ROCK, WATER, SKY, HERE = "#687a5c", "#7c766e", "#7fb4dc", "#dfeaf4", "#d84232"
 SERVO, DAMPING = 6.0, 0.3
-"""Of those who keep their pose, per rad and per rad/s."""
+"""Gains of the controller that keeps a pose, per rad and per rad/s."""
 
 BEAT = 12
-"""Steps between two decisions of those who move at random."""
+"""Steps between two decisions of a random policy."""
 
 STROKE = 16
-"""Steps in which a swimmer beats up and down."""
+"""Period of a swimmer's strokes, in steps."""
 
 GRASP_STEPS = 600
-"""Steps in which a climber at random should have grasped a creeper."""
+"""Largest number of steps until a random climber grasps a creeper."""
 
 Action = NDArray[np.float64]
 Acting = Callable[[int, Engine], Action]
@@ -87,7 +87,7 @@ class View:
 
 CLIMBER = View("climbing_chimpanzee", (-0.1, 0.85, 0.3), 15, 42.0, None, (3.0, 1.0), True, steps=123, seed=3)
 SWIMMER = View("fish", (0.05, 0.75, -0.1), 20, 36.0, 5.0, (2.5, 2.0), lift=1.0, steps=123)
-"""Who moves in the README's picture."""
+"""Second body of the README's animation, beside `CLIMBER`."""
 
 SHEET = (
     View("classic_bipedal", (-0.1, 0.7, 0.0), x=31.0),
@@ -108,7 +108,7 @@ SHEET = (
 
 STEPS_PER_FRAME = 3
 CLIP_SIZE = 360, 240
-"""Width and height of each of them, in pixels."""
+"""Width and height of each animation, in pixels."""
 
 
 def world_of(view: View, cppn: CPPN) -> tuple[Terrain, NDArray[np.float32]]:

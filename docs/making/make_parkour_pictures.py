@@ -23,13 +23,13 @@ NETWORK = CPPN.load()
 MEDIUM = find_challenge("parkour", "original").task_space
 LENGTH = (TRACK_POINTS - 1) * TERRAIN_STEP
 BELOW, ABOVE = 20.0, 28.0
-"""How far pictures reach under and over the start's ground, in m."""
+"""Extent of pictures below and above the ground at the start, in m."""
 
 GROUND, CEILING, WATER, CREEPER = "#6b7f4f", "#8c8c94", "#4f8fd0", "#2f6b2f"
 CLASSES = {"easy": "#5aa469", "medium": "#e0a83a", "hard": "#c0504d"}
 BODIES = {"walking": "walker", "swimming": "swimmer", "climbing": "climber"}
 INSIDE = 60
-"""Tasks of a test set that come from the medium space; they stand first."""
+"""Number of tasks of a test set from the medium space, which come first."""
 
 
 def world(task: np.ndarray) -> Terrain:

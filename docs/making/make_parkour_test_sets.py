@@ -23,10 +23,10 @@ MEDIUM = find_challenge("parkour", "original").task_space
 HARD = find_challenge("parkour", "hard").task_space
 BODY_TYPES = {"walking": "walker", "swimming": "swimmer", "climbing": "climber"}
 DELTA = (5.0, 30.0)
-"""Range of the deltas that are not the medium space's 10."""
+"""Range of deltas, apart from 10, the delta of the medium space."""
 
 REFERENCE_TASKS = 3000
-"""Random tasks of the medium space whose feasible ones are cut into thirds."""
+"""Number of random tasks of the medium space for the limits of the thirds."""
 
 DECIMALS = 4
 
@@ -58,7 +58,7 @@ SOURCES: tuple[tuple[str, Draw, tuple[int, int, int]], ...] = (
     ("other theta", other_theta, (7, 7, 6)),
     ("other delta", other_delta, (6, 7, 7)),
 )
-"""Where tasks come from, and how many easy, medium and hard ones from each."""
+"""Sources of tasks, with their numbers of easy, medium and hard ones."""
 
 
 def judge(task: np.ndarray, body_type: str, cppn: CPPN) -> float:

@@ -19,13 +19,13 @@ HOUSE: Final = Path(__file__).parents[2]
 PICTURE: Final = HOUSE / "docs" / "images" / "rooms.svg"
 
 WIDTH, HEIGHT, STEP = 800, 30, 74
-"""Width in which rooms are ordered, height of a room, and distance between floors, in pixels."""
+"""Width of a floor, height of a room, and distance between floors, in pixels."""
 
 LETTER, MARGIN, LANE, GAP = 7.6, 20, 8, 22
 """Width of a letter, space around the name of a room, width of a passing arrow and distance, in pixels."""
 
 SWEEPS: Final = 24
-"""Number of times that the rooms of all floors are ordered by their neighbours."""
+"""Number of passes that order the rooms of all floors by their neighbours."""
 
 Edge = tuple[str, str]
 

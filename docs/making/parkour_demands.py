@@ -29,10 +29,10 @@ SWIMMER_CLEARANCE = 1.6
 """Smallest height of the passage under water, in m: twice the height of the fish."""
 
 SWIMMER_CLIMB = 10.0
-"""Greatest rise or drop within the window on the calmest way through the passage, in m."""
+"""Greatest rise or drop within the window on the smoothest path through the passage, in m."""
 
 SWIMMER_DETOUR = 100.0
-"""Height in m that this way rises and falls in all: as much as it leads forward."""
+"""Greatest total rise and fall of the smoothest path, in m: as much as its horizontal length."""
 
 CLIMBER_CLEARANCE = 5.2
 """Smallest height of the passage, in m: a stretched climbing chimpanzee reaches 5.13 m from grip to foot."""
@@ -44,7 +44,7 @@ CLIMBER_CLIMB = 8.0
 """Greatest rise or drop of the ceiling within the window, in m."""
 
 CLIMBER_GAP = 4.0
-"""Gap between creepers from which on they do not help, in m: the span of both arms; the ceiling remains."""
+"""Smallest gap between creepers that are of no help, in m: the span of both arms; the ceiling remains."""
 
 
 def demands(terrain: Terrain, body_type: str) -> dict[str, float]:

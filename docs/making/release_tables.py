@@ -33,10 +33,10 @@ from tma_ray.testing import SIMULATED_CHALLENGES
 from tma_ray.testing.matrix import cells_of, runs_of, tabulate
 
 PICTURES = Path(__file__).parents[1] / "images" / "leaderboard"
-"""Curricula of releases that ship, by ``make_leaderboard_pictures.py``."""
+"""Pictures of the curricula of releases, by ``make_leaderboard_pictures.py``."""
 
 MEASURED = Path(__file__).parents[2] / "benchmarks" / "measured"
-"""What benchmarks measured: ``trials.csv`` by ``trials.py``, ``sensitivity.csv`` by ``sensitivity.py``."""
+"""Results of benchmarks: ``trials.csv`` by ``trials.py``, ``sensitivity.csv`` by ``sensitivity.py``."""
 
 SIMULATED_RELEASE = "simulated-1"
 

@@ -20,11 +20,11 @@ from tma_ray.terrain.parkour import CPPN, POINTS, SHAPES, softplus
 from tma_ray.terrain.terrain import TERRAIN_STEP
 
 STD, CUT = 2.0, 2.0
-"""Standard deviation of the weights before they are cut, and where, in standard deviations."""
+"""Standard deviation of the normal distribution of weights, and its truncation in standard deviations."""
 
 DELTA, START_CLEARANCE = 10.0, 20.0
 HEADS = 96
-"""Columns tried as ground, and as many as ceiling, for each set of hidden layers."""
+"""Numbers of candidate columns for the ground, and for the ceiling, per set of hidden layers."""
 
 BOXES = {
     "easy": ((-0.25, -0.05), (0.8, 1.0), (0.0, 0.2)),
@@ -59,13 +59,13 @@ TARGETS = {
     "medium": Figures(0.957, 0.9335, 0.3397, 16.1661, 0.139),
     "hard": Figures(0.718, 0.6625, 0.4693, 17.0201, 0.0025),
 }
-"""Measured over 2,000 tasks per box of the original release's weights."""
+"""Statistics of the original release's weights, over 2,000 tasks per box."""
 
 TOLERANCES = Figures(over_2_7=0.05, over_5=0.05, mean_slope=0.2, ground_range=0.2, walkable=0.1)
-"""Largest deviations: of shares absolute, of means relative to the target."""
+"""Largest deviations, absolute for shares and relative for means."""
 
 RISE, RISE_STEPS = 1.4, 5
-"""What is walkable: at most this rise in m within as many terrain steps."""
+"""Largest rise of walkable ground, in m, and the number of terrain steps within which it is measured."""
 
 
 def truncated_normal(rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:

@@ -20,14 +20,14 @@ PAGES = {
     "examples/README.md": "examples/index.md",
     "notebooks/README.md": "notebooks/index.md",
 }
-"""Pages of the site that lie elsewhere in the repository, and where the site has them."""
+"""Paths of pages outside of docs/, with their paths in the site."""
 
 FILES = (
     *("cluster.yaml", "cluster-local.yaml", "deploy/*"),
     "analysis/pages/templates/sorting.js",
     *("benchmarks/measured/*.csv", "examples/*.py", "examples/*.toml", "notebooks/*.ipynb"),
 )
-"""Files that pages link to or run, at the same place in the site."""
+"""Files that pages link to or run, with the same paths in the site."""
 
 LINK = re.compile(r"(?<=\]\()(?!\w+:|#)([^)\s#]+)(#[^)\s]*)?(?=\))")
 

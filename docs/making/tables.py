@@ -57,16 +57,16 @@ MEASURED = (
     "trial_cells",
     "teacher_cost",
 )
-"""Tables of `benchmarks/measured`; its other files have evaluations."""
+"""Tables of `benchmarks/measured`; its other files contain evaluations."""
 
 DATA = {
     "fidelity": sorted((ROOT / "docs" / "fidelity").glob("*.csv")),
     "measured": [ROOT / "benchmarks" / "measured" / f"{name}.csv" for name in MEASURED],
 }
-"""Tables that pages show as they are, one CSV file a table, by the first word of their marks."""
+"""CSV files that pages show as tables, by the first word of the generated part's name."""
 
 NONE = "\N{EN DASH}"
-"""Of a cell with nothing to say."""
+"""Content of an empty cell."""
 
 ABOUT: Mapping[Table, str] = {
     Table.RUNS: "One run: what it is, and what has become of it.",
@@ -360,4 +360,4 @@ GENERATED: dict[str, Callable[[], str]] = {
         for path in files
     },
 }
-"""What pages may ask for, by name."""
+"""Functions that return the generated parts of pages, by name."""

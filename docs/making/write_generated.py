@@ -23,7 +23,7 @@ PART = re.compile(
 )
 
 LANGUAGES = {".py": "python", ".toml": "toml", ".txt": "console"}
-"""Language of the code block of a file, by its ending."""
+"""Language of a file's code block, by suffix."""
 
 FILE = "file "
 

@@ -34,7 +34,7 @@ TASK_SPACE = [
 ]
 
 SKILL = {"random": 0.45, "alp_gmm": 0.8}
-"""How much of the task space a teacher's students come to master."""
+"""Share of the task space that a teacher's students master in the end."""
 
 
 BOX2D_RUN = {
@@ -42,10 +42,10 @@ BOX2D_RUN = {
     "test_set": f"{BOX2D_TEST_SET}stump_tracks",
     "physics_version": NO_PHYSICS_VERSION,
 }
-"""What records of runs in worlds of Box2D have of their own."""
+"""Fields of the records of runs with Box2D."""
 
 SMALL = {"steps": 40_000, "evaluation_every": 10_000, "episode_steps": 1_000, "grid": 4, "updates": 4}
-"""Sizes of a campaign whose whole logs are written at once."""
+"""Sizes of a campaign with complete logs."""
 
 
 def mastering(count: int, of: int = 10) -> list[float]:

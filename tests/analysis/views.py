@@ -14,7 +14,7 @@ from analysis.charts.base import Chart
 from analysis.charts.page import Plot, on_page
 
 Told = Callable[..., str]
-"""Runs a command of these words that must end with this exit code, and gives what it says."""
+"""Function that runs a command with an expected exit code, and returns its output."""
 
 
 def plot_of(chart: Chart | None) -> Plot:

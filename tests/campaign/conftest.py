@@ -11,7 +11,7 @@ import pytest
 from tma_ray.campaign.cluster.connection import connect
 
 HELPERS = [str(Path(__file__).parent), str(Path(__file__).parents[1] / "runs")]
-"""Where workers find what tests import; this process is told in pyproject.toml."""
+"""Import paths of workers; those of this process are in pyproject.toml."""
 
 
 @pytest.fixture(scope="session")

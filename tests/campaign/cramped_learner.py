@@ -7,7 +7,7 @@ from typing import Any
 from tma_ray.campaign.executors.actors import LearnerActor
 
 ENOUGH_FOR = 2
-"""Slots for which memory suffices."""
+"""Number of slots that fit into memory."""
 
 
 class CrampedLearner(LearnerActor):

@@ -28,10 +28,10 @@ from kinds import KINDS, WIDTHS, Scene  # noqa: E402
 from nodes import Nodes  # noqa: E402
 
 INJECTIONS, SEED = 3, 0
-"""Defaults: of each kind, and of all instants and victims."""
+"""Default number of injections of each kind, and default seed of times and victims."""
 
 MOST_PER_CAMPAIGN = 3
-"""Faults of one campaign: a run that has lost more processes than that counts as failed."""
+"""Number of faults per campaign: after more lost processes, a run fails."""
 
 
 def attack(kind: str, injections: int, chance: random.Random, site: Site, nodes: Nodes) -> Iterator[Fault]:

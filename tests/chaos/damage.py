@@ -40,10 +40,10 @@ from tma_ray.results import Committer, DamagedFileError, Results, ResultsRootErr
 from tma_ray.runs import Placement, RunSpec, run_locally  # noqa: E402
 
 AT_ONCE = 10
-"""Files that are damaged in one copy of the root."""
+"""Number of files that are damaged in one copy of the root."""
 
 TRUSTED = ("manifests", "tables/evaluations", "tables/episodes", "tables/training")
-"""Folders of files whose every change `verify` has to name."""
+"""Folders of files in which `verify` must detect every change."""
 
 
 def _flipped(data: bytes, chance: random.Random) -> bytes:
@@ -87,7 +87,7 @@ IN_PLACE: Mapping[str, Callable[[Path], object]] = {
     "a circle of links": lambda path: path.symlink_to(path.name),
     "holes": lambda path: (path.touch(), os.truncate(path, 300 * 2**30)),
 }
-"""What comes in the place of a file."""
+"""Replacements of a file."""
 
 
 @dataclass

@@ -32,7 +32,7 @@ ROOT = HERE.parents[1]
 HELPERS = (HERE, HERE.parent / "runs")
 
 Check, Compare = Callable[["Fault"], None], Callable[..., None]
-"""Fixtures that refuse a loss."""
+"""Fixtures that fail after a loss."""
 
 FLAGS = ("--checkpoint-seconds", "0.3", "--memory-per-run", "0.3")
 

@@ -40,16 +40,16 @@ COMMANDS = (
     "run --student ppo --steps 20000 --results {new}",
     "render --policy random --steps 200 -o {new}.gif",
 )
-"""What is interrupted: short commands, long ones, those that write, and one that never ends by itself."""
+"""Interrupted commands: short ones, long ones, ones that write files, and an endless one."""
 
 AS_EXPECTED = ("interrupted", "ended", "before")
-"""Stopped with 130; at its end before Ctrl-C came; killed while Python started."""
+"""Expected endings: exit code 130, a normal end before Ctrl-C, a kill while Python started."""
 
 LONGEST = 8.0
-"""Latest instant, s after the start."""
+"""Largest time of an interrupt after the start, s."""
 
 PATIENCE = 60.0
-"""Within this time an interrupted command ends on a busy machine, s."""
+"""Largest time until an interrupted command ends, s."""
 
 
 @dataclass(frozen=True)

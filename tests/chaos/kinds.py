@@ -25,19 +25,19 @@ from tma_ray.results import Store
 HERE = Path(__file__).parent
 
 LONGEST_WAIT = 1.5
-"""A fault comes up to so many s after a checkpoint: at any instant, also in the next one."""
+"""Largest random time between a checkpoint and a fault, s; it may cover the next checkpoint."""
 
 LONGEST_START = 300.0
-"""Time within which a run trains on a busy machine after a fault, s."""
+"""Largest time until training continues after a fault, s."""
 
 COHORT_WIDTH, COHORT_CORES = 4, 2
-"""Slots of a cohort, and cores of a node with room for it."""
+"""Number of slots of a cohort, and of cores of a node that it fits on."""
 
 SHORT_FREEZE = 1.5
-"""Time for which a node is frozen that is not given up, s."""
+"""Duration of a freeze after which a node's runs are not given to other nodes, s."""
 
 SHORT_OUTAGE, LONG_OUTAGE = 2.0, 8.0
-"""Bounds of the time for which an object store does not answer, s."""
+"""Shortest and longest outage of an object store, s."""
 
 
 @dataclass
@@ -300,7 +300,7 @@ KINDS: Mapping[str, Kind] = {
     "checkpoint": checkpoint_damaged,
     "s3": object_storage_silent,
 }
-"""What is done to a campaign, by name; each is done so often at most and then lets the campaign end."""
+"""Kinds of faults by name; functions inject at most the given number of faults, then let the campaign end."""
 
 WIDTHS: Mapping[str, int] = {"learner": COHORT_WIDTH, "stopped_learner": COHORT_WIDTH}
-"""Slots of the cohorts in which the runs learn, where they do not learn alone, by the kind of fault."""
+"""Number of slots of cohorts, by kind of fault; in other kinds, runs learn alone."""

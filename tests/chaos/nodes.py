@@ -24,7 +24,7 @@ HEALTH = {
     "health_check_timeout_ms": 1000,
     "health_check_failure_threshold": 4,
 }
-"""A frozen node counts as dead after some 6 s instead of a minute."""
+"""Settings of Ray with which a frozen node counts as dead after about 6 s instead of a minute."""
 
 OBJECT_STORE_BYTES = 80_000_000
 

@@ -37,11 +37,11 @@ WRITES = {
     "kill-driver-before-manifest": ("manifests/", ""),
     "kill-driver-before-attempt-row": ("tables/attempts/", ""),
 }
-"""Who is about to write such a file is killed."""
+"""Parts of a path by fault: a process that is about to write such a file is killed."""
 
 FULL_DISK = "no-space"
 HOLD = "hold"
-"""As long as these are there, nothing can be written, and training hardly goes on."""
+"""Files of lasting faults: all writes fail, or training is slowed down."""
 
 
 def asked(request: str) -> bool:

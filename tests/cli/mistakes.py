@@ -13,7 +13,7 @@ from tma_ray import cli
 from tma_ray.console import command_line
 
 LONG = "x" * 300
-"""A name that no file can have."""
+"""Name that is too long for a file."""
 
 NO_NUMBERS = (
     "",
@@ -121,7 +121,7 @@ BY_KIND: Mapping[str, Sequence[str]] = {
     "GIB": (*NO_NUMBERS, *TOO_MANY, "1,5"),
     "NAME=VALUE": ("", "a", "=1", "aa=", "nothing=1"),
 }
-"""By metavar, values that no option of that kind may take; places in braces are filled in."""
+"""Invalid values by metavar, with placeholders for paths in braces."""
 
 NO_RESULTS = ("{missing}", "{empty}", "{foreign}")
 
@@ -139,10 +139,10 @@ BY_OPTION: Mapping[str, Sequence[str]] = {
     "results": ("{foreign}",),
     "core": ("nothing_like_it",),
 }
-"""Further values by what the option chooses."""
+"""Further invalid values by argument."""
 
 NOT_READ = (("doctor", "results"), ("play", "results"), ("render", "results"))
-"""Roots of which only the form counts: a disk to examine, and where a run would lie that is not asked for."""
+"""Commands and their arguments for roots that are not read."""
 
 SMALL: Mapping[str, Sequence[str]] = {
     "run": ("--student", "ppo", "--steps", "300"),
@@ -157,7 +157,7 @@ SMALL: Mapping[str, Sequence[str]] = {
     "export": ("--results", "{root}"),
     "release": ("--partial",),
 }
-"""Options that make commands small, or find what they need."""
+"""Options by command that limit its work or name its inputs."""
 
 VALID: Mapping[str, str] = {
     "ROOT": "{root}",
@@ -169,7 +169,7 @@ VALID: Mapping[str, str] = {
     "FOLDER": "{new}",
     "FILE": "{new}.gif",
 }
-"""Values of what has to be given."""
+"""Valid values of required arguments by metavar."""
 
 
 @dataclass(frozen=True)

@@ -34,13 +34,13 @@ VENV = Path(sys.prefix).resolve()
 PROGRAMS = ("ip", "nsenter", "pivot_root", "rsync", "setpriv", "sshd", "tmux", "unshare")
 
 KERNELS = Path("/var/tmp/clusters-kernels")
-"""Compiled kernels, of all beds that there were: on several nodes of a busy machine they take minutes."""
+"""Compiled kernels, shared by all beds, since their compilation takes minutes on a busy machine."""
 
 NETWORK = "10.77.0"
-"""First three numbers of the addresses, which no other namespace sees."""
+"""First three numbers of the addresses, which are private to the bed."""
 
 USER = "ubuntu"
-"""Name of the user of every node, as images of Ubuntu have it."""
+"""Name of the user of every node, as in images of Ubuntu."""
 
 SEARCHED = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
 

@@ -16,7 +16,7 @@ from small_runs import data_files, rows
 from tma_ray.results import Table
 
 WHEELS = Path("/var/tmp/clusters-wheels")
-"""The package index of what has no way out of its network; kept for the next time."""
+"""Cached packages for nodes without access to a package index."""
 
 PACKAGES = VENV / "lib" / f"python{sys.version_info.major}.{sys.version_info.minor}" / "site-packages"
 
@@ -25,7 +25,7 @@ SMALL = "--evaluation-interval 4000 --probe-interval 2000 --training-window 2000
 FLAGS = f"--teachers random,alp_gmm --seeds 2 --steps 20000 --checkpoint-seconds 1 {SMALL}"
 
 CAMPAIGN = f"experiments/quickstart.py {FLAGS}"
-"""Four runs of some ten seconds."""
+"""Campaign of four runs of about ten seconds."""
 
 
 def locked_packages(python: str) -> Path:

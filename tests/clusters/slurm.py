@@ -33,7 +33,7 @@ NodeName={nodes} CPUs=16 RealMemory=40000
 PartitionName=batch Nodes=ALL Default=YES PriorityTier=1 PreemptMode=REQUEUE GraceTime=90
 PartitionName=urgent Nodes=ALL PriorityTier=10 PreemptMode=OFF
 """
-"""Nodes have the cores that the batch script asks for, whatever this machine has."""
+"""Configuration of Slurm, in which nodes have the cores that the batch script requests."""
 
 DAEMONS = ("munged", "slurmctld", "slurmd")
 

@@ -26,7 +26,7 @@ PAGES = tuple(
         ]
     )
 )
-"""Every page, also those that are added tomorrow."""
+"""All pages of the repository."""
 
 FENCE = re.compile(r"^( *)```(\w*)[^\n]*\n(.*?)^\1```$", re.DOTALL | re.MULTILINE)
 INLINE = re.compile(r"`((?:tma-ray|python|pytest|make|ray|sbatch|pip) [^`]+)`")

@@ -36,7 +36,7 @@ SMALL: dict[str, list[str]] = {
     "figures": ["--only", "radar"],
     "play": ["--task", "0.5,3", "--output", "played.html"],
 }
-"""What is added to commands of `tma-ray`: the last of two equal flags counts."""
+"""Options added to commands of `tma-ray`, overriding earlier ones."""
 
 REDIRECTION = re.compile(r"\s\d?>\s*[^\s;&|)]+")
 

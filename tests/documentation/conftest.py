@@ -16,7 +16,7 @@ from tma_ray.campaign.costs import Throughput
 from tma_ray.cli import main
 
 LINKED = ("experiments", "docs", "cluster.yaml")
-"""What of the repository the commands of pages name."""
+"""Files and folders of the repository that commands in pages use."""
 
 
 @pytest.fixture(scope="session")

@@ -99,7 +99,7 @@ EXEMPTIONS = (
     Exemption("docs/results.md", "duckdb.sql", "DuckDB is not installed"),
     Exemption("docs/results.md", "runs, evaluations =", "polars is not installed"),
 )
-"""Beside these nothing is left out: what is neither run nor listed fails."""
+"""Code that is not run; all other code must run."""
 
 ENDINGS = (
     Ending("*", "tma-ray stop", 2, "no campaign is at work on that root"),

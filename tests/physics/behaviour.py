@@ -99,7 +99,7 @@ TASKS = ((0.0, 6.0), (1.5, 3.0), (3.0, 1.0))
 CLASSIC = "classic_bipedal"
 
 WALKERS = [name for name in embodiment_names() if load_embodiment(name).body_type is BodyType.WALKER]
-"""Those of which the release was measured in Stump Tracks."""
+"""Bodies that were measured in the release's Stump Tracks."""
 
 Figures = dict[str, Floats]
 Place = tuple[float, float] | Terrain

@@ -20,13 +20,13 @@ from tma_ray.terrain import Terrain
 
 CLIMBERS = ("climbing_chimpanzee", "climbing_chest_chimpanzee")
 RELEASED = ("old_classic_bipedal", "climbing_chimpanzee", "amphibious_bipedal", "fish")
-"""Bodies that are let go in open water."""
+"""Bodies that are released in open water."""
 
 RELEASE_HEIGHT, RELEASE_STEPS = 8.0, (10, 25, 50)
-"""How far above its start a body is let go, in m, and when it is looked at."""
+"""Height above the start at which a body is released, in m, and steps after which it is measured."""
 
 FISH_STEPS = (100, 200, 300, 500)
-"""When the fish is looked at that starts on the ground."""
+"""Steps after which a fish that starts on the ground is measured."""
 
 BODIES = tuple(embodiment_names())
 

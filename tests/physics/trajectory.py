@@ -13,7 +13,7 @@ from tma_ray.terrain import Terrain
 from tma_ray.terrain.stump_tracks import stump_tracks
 
 GRIP_STEPS = 12
-"""Steps for which a random player's grips stay closed or open."""
+"""Number of steps for which random grips stay closed or open."""
 
 
 def digest(engine: Engine, seed: int, steps: int = 150, terrain: Terrain | None = None) -> str:

@@ -32,7 +32,7 @@ SMALL: dict[str, dict[str, Any]] = {
     "TRPO": {"policy_kwargs": {"net_arch": [16, 8]}, "n_steps": 60, "batch_size": 30},
     **dict.fromkeys(("CrossQ", "DDPG", "TD3", "TQC"), OFF_POLICY),
 }
-"""Tiny networks, and updates that come soon, by the name of a student; all else is the default."""
+"""Hyper-parameters by student for tiny networks and early updates; others are the defaults."""
 
 
 class Drift(gymnasium.Env):

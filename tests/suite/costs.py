@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 TOLERATED = 3.0
-"""Processor seconds above which a case belongs into a slower tier, or wants a look."""
+"""Processor seconds above which a case should be faster, or in a slower tier."""
 
 TIERS = ("slow", "chaos")
 

@@ -34,7 +34,7 @@ SERVICES: dict[str, tuple[str, ...]] = {
         f"tests/documentation/test_{name}.py" for name in ("pages", "help_examples", "campaigns")
     ),
 }
-"""Modules that share a service or a campaign, by the fixture that makes it, those that take longest first."""
+"""Modules that share a service or a campaign, by the name of its fixture, longest modules first."""
 
 SERVICE_OF = {module: service for service, modules in SERVICES.items() for module in modules}
 

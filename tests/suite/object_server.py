@@ -12,7 +12,7 @@ from typing import Any, Self
 from unittest import mock
 
 NOWHERE = "/nonexistent/aws"
-"""In place of the user's settings."""
+"""Path in place of the user's settings."""
 
 SERVER = """
 import sys

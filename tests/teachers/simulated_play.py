@@ -22,7 +22,7 @@ QUICK: dict[str, dict[str, Any]] = {
     "goal_gan": {"iterations_per_task": 0.1, "pretraining_iterations": 10},
     "setter_solver": {"hidden_units": 8},
 }
-"""Hyper-parameters under which a few hundred episodes of `EPISODE_LENGTH` steps show everything, fast."""
+"""Hyper-parameters for quick tests of a few hundred episodes of `EPISODE_LENGTH` steps."""
 
 EPISODE_LENGTH = 100
 

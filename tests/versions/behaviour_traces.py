@@ -22,14 +22,14 @@ from tma_ray.teachers import TEACHERS, make_teacher
 from tma_ray.testing.students import report_episode
 
 NUMBERS = 4
-"""How many weighted means a trace consists of."""
+"""Number of weighted means in a trace."""
 
 TOLERANCE = 2e-5
-"""Largest difference that rounding may make. Two threads instead of one, and the instructions of processors
-without AVX (of numpy, OpenBLAS, torch, oneDNN and numba) instead of those with AVX-512, make at most 6e-7."""
+"""Largest difference due to rounding. One or two threads, and instructions of processors with AVX-512 or
+without AVX (in numpy, OpenBLAS, torch, oneDNN and numba), differ by at most 6e-7."""
 
 EPISODES, EPISODE_LENGTH = 150, 2_000
-"""Of a teacher's trajectory; the length that two of them count in environment steps."""
+"""Number of episodes of a teacher's trajectory, and number of steps of an episode."""
 
 SPACE = TaskSpace.from_bounds({"height": (0, 3), "spacing": (0, 6), "level": (-1, 1)})
 
@@ -54,7 +54,7 @@ TEACHER_SIZES: dict[str, dict[str, Any]] = {
     "spgl": {"first_update": 40_000, "update_every": 40_000},
     "traced": {"buffer_size": 20, "round_size": 2},
 }
-"""Hyper-parameters that let 150 episodes show everything; all others are the defaults."""
+"""Hyper-parameters that show all behaviour within 150 episodes; others are the defaults."""
 
 STUDENT_STEPS, ENVIRONMENT_STEPS = 130, 40
 

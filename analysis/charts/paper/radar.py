@@ -24,7 +24,7 @@ CENTRE, RADIUS = 1.36, 0.86
 STAR_GAP = 0.092  # distance between two stars, inches
 
 STAR_COLUMNS, STAR_ROWS = 4, 2
-"""Largest numbers of stars side by side at an axis, and of their rows, above which they are counted."""
+"""Largest numbers of columns and rows of stars at an axis; more stars are replaced by their number."""
 
 
 def draw_radars(chart: Chart) -> Figure:
