@@ -93,7 +93,7 @@ class BaselineManifest:
         licence: SPDX identifier or text; empty for none.
         created: time of creation, ISO 8601.
         software: program and version that created it.
-        partial: text on missing runs; empty if none are.
+        partial: text on missing runs; empty if no run is missing.
         caveats: further limits of the results.
         holds: values of each column of the cells, and counts, by name.
         files: all other files in the folder.

@@ -202,7 +202,7 @@ def leading(
 
     Args:
         results: a row for each teacher and challenge, with the columns teacher and `measure`.
-        measure: column of `results`; NaN where there is nothing.
+        measure: column of `results`; NaN for missing results.
         teachers: all teachers of the page, also those without results yet.
         within: columns that the teachers of a comparison have in common.
     """

@@ -63,8 +63,8 @@ class Leaderboard:
     """Teachers with results on the same challenges, at one level of expert knowledge and one budget.
 
     Attributes:
-        title: level, budget, engine and what else is needed to distinguish it: environments, conditions,
-            and the number of challenges if that is not all.
+        title: level, budget and engine; environments and conditions if they differ between leaderboards;
+            number of challenges if it is not all of them.
         challenges: titles, in the order of the columns.
         entries: teachers, the best in the end first.
         names: shortest distinct label of each teacher; see `names.distinct_labels`.

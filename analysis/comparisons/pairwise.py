@@ -101,8 +101,8 @@ def pairwise(
           if there are any;
         - detectable: smallest difference that as many runs with these standard deviations within strata
           find with power 0.8; NaN without a test, over challenges, or if it is not computed;
-        - holm: p adjusted for the tests of a family that have `within` but step in common, so that all pairs
-          and steps of a comparison are one family;
+        - holm: p adjusted over a family; all steps and pairs with the other `within` in common are corrected
+          together;
         - simultaneous_low, simultaneous_high: ends of `statistics.simultaneous_intervals`.
     """
     check_sequence("within", within)

@@ -356,7 +356,7 @@ def runs_after(frames: Frames, share: float = 1.0, *, training: bool = True) -> 
 def result_runs(frames: Frames, values: pd.DataFrame) -> pd.DataFrame:
     """Return the rows of `pool_runs` for all results, with Random repeated at every level.
 
-    Where only students run that are not the paper's, such as PPO everywhere, they are the pool.
+    If no runs have the paper's students, those of other students, such as PPO, are the pool.
 
     Args:
         frames: results of `load`.

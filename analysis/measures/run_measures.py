@@ -57,7 +57,7 @@ def run_measures(
         - run_id, steps (at which it is measured), step (of the last evaluation until then);
         - `evaluations.MEASURED` at that evaluation, with mastered_area over the whole budget;
         - steps_to_50_percent and so on: step of the first evaluation with this share of the final mastered %;
-          NaN where the latter is 0;
+          NaN if that is 0;
         - forgotten_percent: % of test tasks mastered at an earlier evaluation and not at the last;
         - training_return: mean over training episodes;
         - reason for missing measures, which are NaN: "waiting", "failed", "still running", "not evaluated",

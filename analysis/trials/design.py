@@ -221,8 +221,8 @@ def make_design(
 ) -> Design:
     """Return the design of a trial against a release.
 
-    Its error is the largest of `ERRORS` whose simulated verdicts are wrong rarely enough: Student's quantiles
-    of few and skewed values spend more than their nominal error, most with a single cell.
+    Its error is the largest of `ERRORS` with wrong verdicts in at most `ERROR` of simulated trials: Student's
+    quantiles of few and skewed values spend more than their nominal error, most with a single cell.
 
     Args:
         teacher: canonical name of the new teacher.

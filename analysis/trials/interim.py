@@ -331,7 +331,7 @@ def verdict_table(design: Design, looks: list[InterimLook]) -> pd.DataFrame:
     """Return a row for each comparison at each look.
 
     Returns:
-        compared with, axis (of `verdicts.AXES`), seeds, runs, difference, low and high (repeated confidence
+        compared with, axis (of `tested.AXES`), seeds, runs, difference, low and high (repeated confidence
         interval), estimate (median-unbiased), verdict, chance (predictive power); in points.
     """
     return pd.DataFrame(
