@@ -1,8 +1,10 @@
 """Experiment matrices of the paper, and the grids of its hyper-parameter searches."""
 
 import itertools
+import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 from tma_ray.benchmark.challenges import find_challenge
@@ -43,95 +45,20 @@ class Grid:
         return [dict(zip(self.values, point, strict=True)) for point in combinations]
 
 
-_OF_MIXTURES = {
-    "fit_every": (50, 150, 250, 350),
-    "most_components": (5, 10, 15, 20),
-    "explore": (0.05, 0.1, 0.2, 0.3),
-}
+def _grids() -> dict[str, Grid]:
+    """Return the grids in ``grids.toml`` by name of the teacher or student."""
+    entries = tomllib.loads((Path(__file__).parent / "grids.toml").read_text(encoding="utf-8"))
+    return {
+        name: Grid({key: tuple(values) for key, values in entry["values"].items()}, entry["chosen"])
+        for name, entry in entries.items()
+    }
 
-TEACHER_GRIDS: Mapping[str, Grid] = {
-    "adr": Grid(
-        {
-            "shrink_at": (0.0, 50.0),
-            "expand_at": (180.0, 230.0, 280.0),
-            "boundary_share": (0.3, 0.5, 0.7),
-            "queue_size": (10, 20),
-            "step": (0.05, 0.1),
-        },
-        chosen={"shrink_at": 0.0, "expand_at": 180.0, "boundary_share": 0.7, "queue_size": 10, "step": 0.1},
-    ),
-    "riac": Grid(
-        {
-            "region_capacity": (50, 150, 250, 350),
-            "split_attempts": (25, 50, 75, 100),
-            "smallest_side": (0.0677, 0.1, 0.1677, 0.2),
-        },
-        chosen={"region_capacity": 150, "split_attempts": 75, "smallest_side": 0.1},
-    ),
-    "covar_gmm": Grid(
-        _OF_MIXTURES,
-        chosen={"fit_every": 150, "most_components": 15, "explore": 0.1},
-    ),
-    "alp_gmm": Grid(
-        _OF_MIXTURES,
-        chosen={"fit_every": 150, "most_components": 10, "explore": 0.05},
-    ),
-    "goal_gan": Grid(
-        {
-            "noise": (0.01, 0.05, 0.1),
-            "train_every": (100, 200, 300),
-            "old_share": (0.1, 0.2, 0.3),
-            "rollouts": (2, 5, 10),
-        },
-        chosen={"noise": 0.01, "train_every": 100, "old_share": 0.2, "rollouts": 2},
-    ),
-    "spdl": Grid(
-        {
-            "first_update": (100_000, 200_000),
-            "update_every": (50_000, 100_000),
-            "updates_without_penalty": (0, 5, 10),
-            "penalty_share": (0.05, 0.25, 0.5),
-            "most_divergence": (0.1, 0.8),
-        },
-        chosen={
-            "first_update": 200_000,
-            "update_every": 100_000,
-            "updates_without_penalty": 0,
-            "penalty_share": 0.05,
-            "most_divergence": 0.8,
-        },
-    ),
-    "setter_solver": Grid(
-        {
-            "update_every": (50, 100, 200, 300),
-            "noise": (0.005, 0.01, 0.05, 0.1),
-            "hidden_units": (64, 128, 256, 512),
-        },
-        chosen={"update_every": 100, "noise": 0.05, "hidden_units": 128},
-    ),
-}
-"""Searched grid of each teacher (paper, appendix on hyper-parameters): 64 to 81 combinations."""
 
-PPO_GRID = Grid(
-    {
-        "steps_per_update": (1_000, 2_000, 4_000),
-        "epochs": (5, 10),
-        "learning_rate": (1e-4, 3e-4, 1e-3),
-        "batch_size": (500, 1_000),
-        "value_coefficient": (0.5, 1.0),
-        "entropy_coefficient": (0.0, 0.01),
-    },
-    chosen={
-        "steps_per_update": 2_000,
-        "epochs": 5,
-        "learning_rate": 3e-4,
-        "batch_size": 1_000,
-        "value_coefficient": 0.5,
-        "entropy_coefficient": 0.0,
-    },
-)
-"""Searched grid of PPO. The paper names hyper-parameters and choice (appendix on students); the other values
-are ours."""
+_GRIDS = _grids()
+
+PPO_GRID = _GRIDS["ppo"]
+TEACHER_GRIDS = {name: grid for name, grid in _GRIDS.items() if name != "ppo"}
+"""Searched grids (paper, appendix on hyper-parameters), those of teachers by name."""
 
 
 @dataclass(frozen=True)
