@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
+from kernel_translation import NOTHING, REAL, WHOLE, Translation, TupleType, Type
 from numba import types
 
 from tma_ray.embodiments import load_embodiment
@@ -20,14 +21,12 @@ from tma_ray.physics.compiled.step import new_memory, step
 from tma_ray.physics.compiled.world import build as build_world
 from tma_ray.physics.compiled.world import count_contact, release
 from tma_ray.physics.rules import Rules, body_arrays, observation_size, step_arrays
-from tma_ray.playground.translation import NOTHING, REAL, WHOLE, Translation, TupleType, Type
 from tma_ray.students.mlp.acting import apply_row
 from tma_ray.terrain import parkour, stump_tracks
 from tma_ray.terrain.terrain import Terrain
 
-DATA: Final = Path(__file__).parent / "data"
+C_SOURCES: Final = Path(__file__).parent / "engine"
 
-WASM: Final = DATA / "engine.wasm"
 ZIG: Final = "0.17.1"  # version of the PyPI package `ziglang`; other versions build other bytes
 
 UNUSED: Final = ("cpHastySpace.c", "cpPolyline.c", "cpMarch.c", "cpSpaceDebug.c")  # sources not needed
@@ -66,7 +65,7 @@ def build(folder: Path | None = None) -> bytes:
             munk = next(build_folder.glob("pymunk-*/Munk2D"))
         (build_folder / "kernels.c").write_text(kernels_in_c())
         for file in ("chipmunk_calls.h", "sine.c"):
-            (build_folder / file).write_bytes((DATA / file).read_bytes())
+            (build_folder / file).write_bytes((C_SOURCES / file).read_bytes())
         sources = sorted(str(file) for file in (munk / "src").glob("*.c") if file.name not in UNUSED)
         command = [sys.executable, "-m", "ziglang", "cc", *FLAGS, f"-ffile-prefix-map={munk}=Munk2D"]
         files = ["-I", str(munk / "include"), "kernels.c", "sine.c", *sources, "-o", "engine.wasm"]

@@ -2,7 +2,7 @@
 
 python docs/making/make_playground.py results --task 0.6,4
 
-Needs the PyPI package ziglang in the version given in `tma_ray.playground.compiling`, and Chromium for the
+Needs the PyPI package ziglang in the version given in `engine_building`, and Chromium for the
 film. Describes the built files in docs/playground/built.json, which a test compares with the files.
 """
 
@@ -16,14 +16,14 @@ import shutil
 from importlib.metadata import version
 from pathlib import Path
 
+from engine_building import ZIG, build, kernels_in_c
 from PIL import Image
 from playwright.sync_api import sync_playwright
 
 from analysis.names import label
 from tma_ray.embodiments import embodiment_names
-from tma_ray.playground.compiling import WASM, ZIG, build, kernels_in_c
 from tma_ray.playground.contents import variants
-from tma_ray.playground.page import Start, page_html, policy_record
+from tma_ray.playground.page import WASM, Start, page_html, policy_record
 from tma_ray.results import Results
 from tma_ray.runs.checkpoints import find_policy
 

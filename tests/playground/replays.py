@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from engine_building import C_SOURCES
 from playwright.sync_api import Browser
 
-from tma_ray.playground.compiling import DATA, WASM
-from tma_ray.playground.page import SCRIPTS, SOURCES
+from tma_ray.playground.page import SCRIPTS, SOURCES, WASM
 
 HERE = Path(__file__).parent
 
@@ -30,7 +30,7 @@ def sine_of_the_page(place: Path) -> dict[str, str]:
         pytest.skip("a C compiler on Linux gives Python's engine the page's sine and cosine")
     library = place / "sine.so"
     flags = ["-O2", "-shared", "-fPIC", "-ffp-contract=off", "-fno-builtin"]
-    subprocess.run([compiler, *flags, "-o", str(library), str(DATA / "sine.c")], check=True)
+    subprocess.run([compiler, *flags, "-o", str(library), str(C_SOURCES / "sine.c")], check=True)
     return {"LD_PRELOAD": str(library)}
 
 

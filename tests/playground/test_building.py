@@ -10,11 +10,11 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from engine_building import CompilerMissingError, build, kernels_in_c, require_zig
+from kernel_translation import REAL, WHOLE, ArrayType, Translation, TranslationError, TupleType
 from suite.locked import locked
 
-from tma_ray.playground.compiling import WASM, CompilerMissingError, build, kernels_in_c, require_zig
-from tma_ray.playground.page import SCRIPTS, SOURCES
-from tma_ray.playground.translation import REAL, WHOLE, ArrayType, Translation, TranslationError, TupleType
+from tma_ray.playground.page import SCRIPTS, SOURCES, WASM
 
 DOCS = Path(__file__).parents[2] / "docs/playground"
 

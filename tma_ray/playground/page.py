@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from torch import nn
 
 from tma_ray.embodiments import embodiment_names
-from tma_ray.playground.compiling import WASM
 from tma_ray.playground.contents import PLAYED, bodies, constants, space_record, variants, worlds
 from tma_ray.results import Results, Table
 from tma_ray.runs.checkpoints import SavedPolicy, results_of
@@ -27,6 +26,7 @@ from tma_ray.students.mlp.layout import Activation, Layout
 from tma_ray.support.component_names import base_name
 
 SOURCES: Final = Path(__file__).parent / "page"
+WASM: Final = Path(__file__).parent / "engine.wasm"  # built by docs/making/engine_building.py
 SCRIPTS: Final = ("engine.js", "worlds.js", "drawing.js", "play.js")
 
 RANDOM, ZERO = -2, -1  # indices of the two untrained policies, which the page's list ends with
