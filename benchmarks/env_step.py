@@ -64,7 +64,7 @@ Actions = NDArray[np.float32]
 
 
 def simulate(floats: Floats, integers: Integers, actions: Actions) -> None:
-    """Command the motors and advance Chipmunk under all of `actions`, without anything else."""
+    """Play `actions` in Chipmunk alone: set the motors and advance the simulation."""
     body, simulation = body_in(floats, integers), simulation_in(floats, integers)
     substeps, motor_substeps = integers[SUBSTEPS], integers[MOTOR_SUBSTEPS]
     for action in actions:

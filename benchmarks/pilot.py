@@ -155,7 +155,7 @@ def step_costs() -> pd.DataFrame:
 
 
 def steps_of(student: str) -> int:
-    """Return the budget at which a student takes as many core-seconds as the paper's with `STEPS`."""
+    """Return the budget that takes a student as many core-seconds as `STEPS` take the paper's student."""
     if student in ROLLOUTS:
         return STEPS
     ratio = step_costs().ratio[student]

@@ -18,7 +18,7 @@ class Frontier(Teacher):
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
         super().start(space, knowledge, rng)
-        self.recent_: list[tuple[float, Task]] = []  # what is learned ends in an underscore: it is saved
+        self.recent_: list[tuple[float, Task]] = []  # saved, as its name ends in an underscore
 
     def sample(self) -> Task:
         return self._propose(self.rng, self.explore)
@@ -27,7 +27,7 @@ class Frontier(Teacher):
         self.recent_ = [*self.recent_[-49:], (abs(episode.episodic_return - self.target), episode.task)]
 
     def probe(self, count: int) -> Task:
-        rng = self.probe_rng()  # shows what it would teach now, and leaves no trace
+        rng = self.probe_rng()  # a separate generator: probes do not affect training
         return np.stack([self._propose(rng, explore=0.0) for _ in range(count)])
 
     def _propose(self, rng: np.random.Generator, explore: float) -> Task:

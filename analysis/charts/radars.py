@@ -40,7 +40,7 @@ class Radar:
     rim: float  # ratio to Random at the outermost ring
     beyond: bool  # True for a band outside the rim, for infinite ratios
     teachers: Mapping[str, str]  # legend entries by teacher, for the teachers that are drawn
-    results: Ratios  # results of these and other teachers
+    results: Ratios  # results, also of teachers that are not drawn
     note: Sequence[str]  # lines of text below the radar
 
     def radius(self, teacher: str, axis: int) -> float:

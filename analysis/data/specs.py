@@ -1,4 +1,4 @@
-"""Settings read from the specs of runs, and those that identify parts of a run, such as its teacher."""
+"""Settings in the specs of runs, and identities of a run's components, such as its teacher."""
 
 import hashlib
 import json

@@ -45,7 +45,7 @@ HOLD = "hold"
 
 
 def asked(request: str) -> bool:
-    """Return True if a fault is requested, and take the request, so that a single process serves it."""
+    """Remove the request for a fault, and return True if there was one; a single process gets it."""
     try:
         (REQUESTS / request).unlink()
     except FileNotFoundError:

@@ -266,7 +266,7 @@ def _values(command: str, argument: Argument) -> Sequence[str]:
     name = chosen.removesuffix("s") if several else chosen
     further = () if (command, name) in NOT_READ else BY_OPTION.get(name, ())
     values = (*BY_KIND[kind], *further)
-    # an empty positional word means one that `valid_rest` leaves out
+    # an empty word marks the place of a positional argument, so empty values are not tried there
     empty_is_valid = chosen in ("embodiments", "embodiment") or not flags(argument)
     return [value for value in values if value.strip() or not empty_is_valid]
 

@@ -41,7 +41,7 @@ SERVICE_OF = {module: service for service, modules in SERVICES.items() for modul
 
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Order the cases of services first.
+    """Move the cases that use services to the front.
 
     Raises:
         UsageError: if a module uses a service and is not listed above.
