@@ -74,7 +74,7 @@ class Trainer:
             writer.add(Table.EVALUATIONS, rows)
         return writer.finish()
 
-    @ray.method(concurrency_group="reports")  # not blocked by runs, as in seed actors
+    @ray.method(concurrency_group="reports")  # runs do not block it, as in seed actors
     def nothing(self) -> None:
         """Do nothing."""
 

@@ -171,7 +171,7 @@ def plan(part: str, found: pd.DataFrame) -> Plan:
             for student in finalists(found)
             for challenge, body in SPACES
             for teacher in TEACHERS
-            if (challenge, teacher) != ("original", "random")  # part of the screening
+            if (challenge, teacher) != ("original", "random")  # already in the screening
         ]
     elif part == "budget":
         chosen = [

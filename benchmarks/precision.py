@@ -1,4 +1,4 @@
-"""Effect of the precision of matrix products on learning, against "highest", in a cohort, without Ray.
+"""Effect of the precision of matrix products on learning, compared with "highest", without Ray.
 
     python benchmarks/precision.py --student sac --precision medium --device cuda --processes 16 \
         --results build/precision

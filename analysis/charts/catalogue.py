@@ -132,7 +132,7 @@ def page_pictures(comparison: TeacherComparison) -> Iterator[Chart]:
     curricula = {teacher: each for teacher, each in comparison.curricula.items() if teacher in shown}
     probed = {teacher: each for teacher, each in curricula.items() if len(each.probes)}
     varied = sum(axis.low < axis.high for axis in axes)
-    whole_plane = len(axes) == varied == 2  # a plane is already in other charts, step by step
+    whole_plane = len(axes) == varied == 2  # other charts already show the tasks of a plane
     if not 0 < varied <= MOST_DIMENSIONS or whole_plane or len(moments(probed)) < 2:
         return
     caption = (

@@ -75,7 +75,7 @@ class Site:
     uri: str = ""
 
     def at(self, name: str) -> Site:
-        """Return a site in a new sub-folder, after deleting earlier requests."""
+        """Delete earlier requests, and return a site in a new sub-folder."""
         for left in self.requests.iterdir():
             left.unlink()
         folder = self.folder / name

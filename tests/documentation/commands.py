@@ -84,7 +84,7 @@ def understood(words: Sequence[str]) -> None:
     if words[:3] == ["python", "-m", "tma_ray"]:
         program, arguments = "tma-ray", arguments[2:]
     if program == "tma-ray":
-        if len(arguments) < 2:  # a command alone
+        if len(arguments) < 2:  # a command without arguments
             assert not arguments or arguments[0] in cli.app(), arguments
         else:
             read(cli.app(), arguments)
@@ -171,7 +171,7 @@ def _export(arguments: list[str]) -> int:
 
 PROGRAMS: dict[str, Callable[[list[str]], int]] = {
     "tma-ray": lambda words: cli.main([*words, *SMALL.get(words[0], [])]),
-    "nice": lambda words: execute(words[2:]),  # after -n 19
+    "nice": lambda words: execute(words[2:]),  # skips -n 19
     "python": _python,
     "sbatch": _sbatch,
     "make": lambda words: _run("make", "-C", str(ROOT), "-n", *words),

@@ -37,7 +37,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_finish(session: pytest.Session) -> None:
-    """Measure the processor time before the first case."""
+    """Store the processor time spent before the first case."""
     session.config.stash[READING] = processor_seconds()
 
 
