@@ -3,10 +3,10 @@
     python benchmarks/precision.py --student sac --precision medium --device cuda --processes 16 \
         --results build/precision
 
-Trains 16 runs under Random on the easy task space, 8 seeds at each precision, 2 million steps each. One call
-takes nine minutes at most; an interrupted or unfinished call is continued by the next. Prints the progress of
-every seed, and a table of the differences at the last evaluation common to all seeds, with Welch's and a
-bootstrap 95 % interval; writes them to ``precision.json`` in the results root.
+Trains a cohort of 16 runs under Random on the easy task space, 8 seeds at each precision, 2 million steps
+each. One call takes nine minutes at most; an interrupted or unfinished call is continued by the next. Prints
+the progress of every seed, and a table of the differences at the last evaluation common to all seeds, with
+Welch's and a bootstrap 95 % interval; writes them to ``precision.json`` in the results root.
 """
 
 from __future__ import annotations
