@@ -13,7 +13,7 @@ import pandas as pd
 from analysis.data.frames import with_plain_texts
 from analysis.data.loading import evaluation_measures
 from analysis.data.specs import mastery_threshold
-from tma_ray.results import Manifest, Results, Table
+from tma_ray.results import Manifest, Results, Table, experiments_of
 
 UPDATE_SECONDS: Final = 10.0  # time between two updates of a tracker, in seconds
 
@@ -60,7 +60,7 @@ class Tracker(ABC):
         for start in range(0, len(changed), RUNS_AT_ONCE):
             manifests = changed[start : start + RUNS_AT_ONCE]
             published = published_points(results, manifests)
-            experiments = first_experiments(results, manifests)
+            experiments = experiments_of(results, _ids(manifests))
             for manifest in manifests:
                 run_id = manifest.run.run_id
                 points = {table: published.get((run_id, table), []) for table in TRACKED_TABLES}
@@ -79,13 +79,6 @@ def watch(tracker: Tracker) -> Iterator[int]:
         time.sleep(UPDATE_SECONDS)
         if count := tracker.update():
             yield count
-
-
-def first_experiments(results: Results, manifests: Iterable[Manifest]) -> dict[str, str]:
-    """Return the first experiment of each run, ordered by campaign and name, by run id."""
-    cells = _rows(results, Table.CELLS, _ids(manifests), ["run_id", "campaign", "experiment"])
-    cells = cells.sort_values(["campaign", "experiment"], kind="stable").drop_duplicates("run_id")
-    return dict(zip(cells["run_id"], cells["experiment"], strict=True))
 
 
 def published_points(results: Results, manifests: Sequence[Manifest]) -> dict[tuple[str, Table], list[Point]]:

@@ -17,6 +17,7 @@ from tma_ray.results.compaction import (
     add_shard,
     compact,
     copy_merged,
+    experiments_of,
     start_from,
 )
 from tma_ray.results.inputs import input_path, read_input, read_plugin, store_input, store_plugin
@@ -142,6 +143,7 @@ __all__ = [
     "copy_merged",
     "create_root",
     "damage_reason",
+    "experiments_of",
     "explained_disk",
     "growing_pause",
     "holder_of",

@@ -4,7 +4,7 @@ import os
 import re
 import socket
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
@@ -68,23 +68,25 @@ SIGNIFICANT_BITS: Final = {Table.EVALUATIONS: ("episodic_return", 24), Table.CUR
 which does not compress."""
 
 
-def experiments_of(results: Results) -> dict[str, str]:
-    """Return the experiments of runs by run id, as parts of file names; of several, the first by name."""
-    cells = results.table(Table.CELLS, columns=["experiment", "run_id"]).to_pylist()
+def experiments_of(results: Results, run_ids: Collection[str] | None = None) -> dict[str, str]:
+    """Return the experiment of each run that has one, by run id; the first by name of several.
+
+    Args:
+        results: root of the runs.
+        run_ids: ids of the runs; all by default.
+    """
+    cells = results.table(Table.CELLS, run_ids, ["experiment", "run_id"]).to_pylist()
     cells.sort(key=lambda cell: cell["experiment"], reverse=True)
-    experiments = {cell["run_id"]: cell["experiment"] for cell in cells}
-    ids = (manifest.run.run_id for manifest in results.runs())
-    return {
-        run_id: re.sub(r"[^0-9a-zA-Z_-]", "_", experiments.get(run_id, SINGLE_RUNS)) or SINGLE_RUNS
-        for run_id in ids
-    }
+    return {cell["run_id"]: cell["experiment"] for cell in cells}
 
 
 def grouped(manifests: Sequence[Manifest], experiments: Mapping[str, str]) -> dict[str, list[Manifest]]:
-    """Return the manifests of runs by experiment, sorted by run id."""
+    """Return the manifests by experiment (as a part of file names), sorted by run id."""
     groups: dict[str, list[Manifest]] = {}
     for manifest in sorted(manifests, key=lambda manifest: manifest.run.run_id):
-        groups.setdefault(experiments[manifest.run.run_id], []).append(manifest)
+        experiment = experiments.get(manifest.run.run_id, SINGLE_RUNS)
+        name = re.sub(r"[^0-9a-zA-Z_-]", "_", experiment) or SINGLE_RUNS
+        groups.setdefault(name, []).append(manifest)
     return dict(sorted(groups.items()))
 
 
