@@ -180,7 +180,7 @@ def candidates(seed: int, samples: dict[str, np.ndarray]) -> list[tuple[float, i
 
 
 def assemble(seed: int, ground: int, ceiling: int) -> CPPN:
-    """Return the network with the hidden layers of a seed and two of its columns."""
+    """Return the network of a seed, with its candidates `ground` and `ceiling` as columns of w5."""
     heads = columns(seed)
     w5 = np.stack([heads[:, 0, ground], heads[:, 1, ceiling]], axis=1)
     return CPPN({**hidden_layers(seed), "w5": w5})
