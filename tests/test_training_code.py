@@ -79,9 +79,7 @@ def test_the_adapter_gives_what_stable_baselines3s_own_gives() -> None:
 
 
 def test_ppo_of_stable_baselines3_trains_on_it() -> None:
-    worlds = gymnasium.make_vec(
-        "tma_ray/Parkour-v0", num_envs=2, embodiment="fish", autoreset_mode="SameStep"
-    )
+    worlds = gymnasium.make_vec("tma_ray/Parkour-v0", 2, embodiment="fish", autoreset_mode="SameStep")
     environment = SB3Worlds(worlds)
     model = PPO("MlpPolicy", environment, n_steps=16, batch_size=16, n_epochs=1, device="cpu").learn(64)
     assert model.num_timesteps == 64

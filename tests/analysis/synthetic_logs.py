@@ -30,9 +30,7 @@ def curriculum(teacher: str, size: int = 2, upto: float = 1.0) -> RunCurriculum:
     steps = range(0, int(upto * STEPS) + 1, PROBE_EVERY)
     update = KINDS[teacher]
     updates = [{"step": s, **EMPTY, **update(s / STEPS, low, high, rng)} for s in steps if s and update]
-    probes = [
-        {"step": s, "task": task} for s in steps for task in _probed(teacher, s / STEPS, low, high, rng)
-    ]
+    probes = [{"step": s, "task": t} for s in steps for t in _probed(teacher, s / STEPS, low, high, rng)]
     tasks = _probed("random", 0, low, high, rng, 400)
     episodes = pd.DataFrame({"step": np.linspace(1, upto * STEPS, 400), "task": list(tasks)})
     episodes = episodes.assign(world_task=None, episodic_return=np.linspace(-150, 320, 400))
@@ -59,33 +57,25 @@ def _mixture(time: float, low: np.ndarray, high: np.ndarray, rng: np.random.Gene
     means = rng.normal(_frontier(time, low, high), 0.15 * (high - low), (5, len(low)))
     turns = rng.normal(size=(5, len(low), len(low))) * 0.08 * (high - low)[:, None]
     parts = zip(weights, means, turns @ turns.transpose(0, 2, 1), strict=True)
-    return {
-        "gaussians": [{"weight": w, "mean": m, "covariance": c.tolist()} for w, m, c in parts],
-        "scalars": [
-            ("components", float(rng.integers(2, 11))),
-            ("mean_absolute_learning_progress", 40 * np.exp(-time) + rng.normal(0, 4)),
-        ],
-    }
+    gaussians = [{"weight": w, "mean": m, "covariance": c.tolist()} for w, m, c in parts]
+    components, progress = float(rng.integers(2, 11)), 40 * np.exp(-time) + rng.normal(0, 4)
+    scalars = [("components", components), ("mean_absolute_learning_progress", progress)]
+    return {"gaussians": gaussians, "scalars": scalars}
 
 
 def _gaussian(time: float, low: np.ndarray, high: np.ndarray, rng: np.random.Generator) -> Update:
     deviations = (0.08 + 0.2 * time) * (high - low)
     mean = _frontier(time, low, high)
     one = {"weight": 1.0, "mean": mean, "covariance": np.diag(deviations**2).tolist()}
-    return {
-        "gaussians": [one],
-        "scalars": [("alpha", 1e-4 * np.exp(8 * time)), ("kl_to_target", 9 - 8 * time)],
-    }
+    scalars = [("alpha", 1e-4 * np.exp(8 * time)), ("kl_to_target", 9 - 8 * time)]
+    return {"gaussians": [one], "scalars": scalars}
 
 
 def _box(time: float, low: np.ndarray, high: np.ndarray, rng: np.random.Generator) -> Update:
     centre, share = low + 0.2 * (high - low), min(1, 0.05 + time)
-    return {
-        "boxes": [
-            {"low": centre + share * (low - centre), "high": centre + share * (high - centre), "score": 0.0}
-        ],
-        "scalars": [("share_of_space", share ** len(low))],
-    }
+    low_end, high_end = (centre + share * (end - centre) for end in (low, high))
+    box = {"low": low_end, "high": high_end, "score": 0.0}
+    return {"boxes": [box], "scalars": [("share_of_space", share ** len(low))]}
 
 
 def _regions(time: float, low: np.ndarray, high: np.ndarray, rng: np.random.Generator) -> Update:
@@ -99,17 +89,14 @@ def _regions(time: float, low: np.ndarray, high: np.ndarray, rng: np.random.Gene
         boxes += [left, right]
     frontier = _frontier(time, low, high)
     scores = [60 * np.exp(-3 * np.linalg.norm((lo + hi) / 2 - frontier) / 3) for lo, hi in boxes]
-    return {
-        "boxes": [{"low": lo, "high": hi, "score": s} for (lo, hi), s in zip(boxes, scores, strict=True)],
-        "scalars": [("regions", float(len(boxes)))],
-    }
+    scored = zip(boxes, scores, strict=True)
+    shown = [{"low": low, "high": high, "score": score} for (low, high), score in scored]
+    return {"boxes": shown, "scalars": [("regions", float(len(boxes)))]}
 
 
 def _losses(time: float, low: np.ndarray, high: np.ndarray, rng: np.random.Generator) -> Update:
     names = ("judge_loss", "validity_loss", "feasibility_loss", "coverage_loss")
-    return {
-        "scalars": [(name, np.exp(-2 * time) + rng.normal(0, 0.05) * (i + 1)) for i, name in enumerate(names)]
-    }
+    return {"scalars": [(n, np.exp(-2 * time) + rng.normal(0, 0.05) * i) for i, n in enumerate(names, 1)]}
 
 
 EMPTY: Update = {"gaussians": [], "boxes": [], "scalars": []}

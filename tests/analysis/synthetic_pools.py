@@ -17,26 +17,11 @@ PARKOUR_POOL = "classic_bipedal/sac + climbing_chimpanzee/sac + fish/sac"
 
 def cell(teacher: str, seed: int, value: float, **changes: Any) -> dict[str, Any]:
     """Return a row of cells, with the mastered % of its run."""
-    row = {
-        "experiment": "original",
-        "environment": "stump_tracks",
-        "challenge": "original",
-        "embodiment": "classic_bipedal",
-        "student": "sac",
-        "expert_knowledge": "low",
-        "teacher": teacher,
-        "campaign": "first",
-        "seed": seed,
-        "status": "done",
-        "error": "",
-        "steps": 1000.0,
-        "test_set": "stump_tracks",
-        "engine": "Chipmunk",
-        "physics_version": 1.0,
-        "mastery_threshold": 230.0,
-        "mastered_percent": value,
-        "step": 1000.0,
-    } | changes
+    row: dict[str, Any] = {"experiment": "original", "environment": "stump_tracks", "challenge": "original"}
+    row |= {"embodiment": "classic_bipedal", "student": "sac", "expert_knowledge": "low", "teacher": teacher}
+    row |= {"campaign": "first", "seed": seed, "status": "done", "error": "", "steps": 1000.0}
+    row |= {"test_set": "stump_tracks", "engine": "Chipmunk", "physics_version": 1.0}
+    row |= {"mastery_threshold": 230.0, "mastered_percent": value, "step": 1000.0} | changes
     names = ("environment", "challenge", "embodiment", "student", "expert_knowledge", "teacher", "steps")
     row.setdefault("run_id", "-".join(str(row[name]) for name in (*names, "seed")))
     if row["status"] == "waiting":
@@ -57,12 +42,8 @@ def parkour(teacher: str, values: dict[str, Sequence[float]], **changes: Any) ->
     seeds = iter(range(1000))
     for body, numbers in values.items():
         locomotion = PARKOUR[body]
-        place = {
-            "environment": "parkour",
-            "experiment": f"parkour_{locomotion}",
-            "test_set": f"parkour_{locomotion}",
-            "embodiment": body,
-        }
+        place = {"environment": "parkour", "embodiment": body}
+        place |= dict.fromkeys(("experiment", "test_set"), f"parkour_{locomotion}")
         for value in numbers:
             yield cell(teacher, next(seeds), value, **(place | changes))
 

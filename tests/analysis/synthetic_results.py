@@ -134,20 +134,14 @@ class SyntheticCampaign:
 
     def record(self, teacher: str, seed: int, level: str, **changes: Any) -> RunRecord:
         name = f"{self.prefix}{self.experiment}-{teacher}-{level}-{seed}"
-        fields = {
+        fields: dict[str, Any] = {
             "run_id": re.sub(r"[^0-9a-zA-Z_-]", "_", name),
-            "spec": json.dumps({"seed": seed, "task_space": TASK_SPACE}),
-            "environment": self.environment,
-            "challenge": "original",
-            "embodiment": "classic_bipedal",
-            "student": "sac",
             "teacher": teacher,
-            "expert_knowledge": level,
-            "test_set": "stump_tracks",
-            "steps": self.steps,
             "seed": seed,
-            "physics_version": 1,
         }
+        fields |= {"spec": json.dumps({"seed": seed, "task_space": TASK_SPACE}), "expert_knowledge": level}
+        fields |= {"environment": self.environment, "challenge": "original", "embodiment": "classic_bipedal"}
+        fields |= {"student": "sac", "test_set": "stump_tracks", "steps": self.steps, "physics_version": 1}
         return RunRecord(**(fields | changes))
 
     def cell(self, record: RunRecord, level: str) -> None:
@@ -181,11 +175,8 @@ class SyntheticCampaign:
         outcome = {"done": AttemptOutcome.DONE, "failed": AttemptOutcome.FAILED}.get(status)
         started = datetime(2026, 11, 20, 8, record.seed % 60, tzinfo=UTC)
         if outcome is not None:
-            self.committer.record_attempt(
-                AttemptRecord(
-                    record.run_id, attempt, started, 3600.0, end / 3600, self.host, FINGERPRINT, outcome
-                )
-            )
+            measured = (started, 3600.0, end / 3600, self.host, FINGERPRINT)
+            self.committer.record_attempt(AttemptRecord(record.run_id, attempt, *measured, outcome))
 
     def _invented(self, record: RunRecord, upto: float) -> tuple[dict[Table, Any], int]:
         rng = np.random.default_rng([record.seed, *record.teacher.encode()])
@@ -207,13 +198,13 @@ class SyntheticCampaign:
     def _uniform_probes(self, rng: np.random.Generator, end: int) -> dict[Table, Any]:
         steps = range(0, end + 1, self.steps // self.updates)
         tasks = (rng.random((len(steps), 40, 2)) * [3, 6]).astype(np.float32)
-        return {
-            Table.CURRICULUM: [
-                {"step": step, "sample": i, "task": task}
-                for step, probe in zip(steps, tasks, strict=True)
-                for i, task in enumerate(probe)
-            ]
-        }
+        probes = zip(steps, tasks, strict=True)
+        rows = [
+            {"step": step, "sample": i, "task": task}
+            for step, probe in probes
+            for i, task in enumerate(probe)
+        ]
+        return {Table.CURRICULUM: rows}
 
     def returns(self, tasks: np.ndarray, ability: float, rng: np.random.Generator) -> np.ndarray:
         """Return the returns (n,) on tasks (n, 2), which fall where difficulty exceeds the ability."""

@@ -36,9 +36,7 @@ def test_across_challenges_each_is_a_stratum() -> None:
 
 def test_a_run_at_several_levels_counts_once() -> None:
     levels = [
-        cell("random", seed, seed, expert_knowledge=level, run_id=f"r{seed}")
-        for level in ("none", "low")
-        for seed in range(4)
+        cell("random", s, s, expert_knowledge=at, run_id=f"r{s}") for at in ("none", "low") for s in range(4)
     ]
     by = [column for column in ACROSS if column != "expert_knowledge"]
     table = interquartile_means(pool(*levels), "mastered_percent", [*by, "teacher"], STRATA)
@@ -60,14 +58,9 @@ def test_improvement_between_teachers() -> None:
 def test_profiles_of_teachers() -> None:
     runs = pool(*parkour("random", BODIES), *parkour("adr", {body: [5, 6, 7, 8] for body in BODIES}))
     table = profiles(runs, "mastered_percent", [0, 6, 40]).set_index(["teacher", "threshold"])
-    assert table["share"].to_dict() == {
-        ("adr", 0): 1,
-        ("adr", 6): 0.5,
-        ("adr", 40): 0,
-        ("random", 0): 8 / 12,
-        ("random", 6): 0.5,
-        ("random", 40): 4 / 12,
-    }
+    shares = {"adr": (1, 0.5, 0), "random": (8 / 12, 0.5, 4 / 12)}
+    assert {name: tuple(table.loc[name, "share"]) for name in shares} == shares
+    assert table.index.get_level_values("threshold").tolist() == [0, 6, 40] * 2
 
 
 def test_unfinished_and_empty_pools_have_no_numbers() -> None:
@@ -84,12 +77,11 @@ def test_unfinished_and_empty_pools_have_no_numbers() -> None:
 
 def spread_out(**teachers: list[float]) -> list[dict[str, object]]:
     """Return cells of two seeds a challenge, whose values are so far over the challenge's own level."""
+    levels = {"original": 10, "mostly_trivial": 40, "rugged": 70}
     return [
-        cell(teacher, seed, level + gain + spread, challenge=challenge)
+        cell(teacher, seed, levels[challenge] + gain + spread, challenge=challenge)
         for teacher, gains in teachers.items()
-        for level, challenge, gain in zip(
-            (10, 40, 70), ("original", "mostly_trivial", "rugged"), gains, strict=False
-        )
+        for challenge, gain in zip(levels, gains, strict=False)
         for seed, spread in enumerate((-1.0, 1.0))
     ]
 

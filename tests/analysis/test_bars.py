@@ -34,7 +34,6 @@ def brackets(axes: Axes) -> set[str]:
 
 
 def letters(axes: Axes) -> dict[int, str]:
-    """Return the letters in each row of bars."""
     found: dict[int, str] = {}
     for text in sorted(axes.texts, key=lambda text: text.get_position()[0]):
         row = round(text.get_position()[1])
@@ -88,9 +87,7 @@ def test_names_share_a_letter_exactly_if_they_do_not_differ(different: set[tuple
         assert bool(share) == (pair not in different)
 
 
-@given(
-    st.sets(st.tuples(st.integers(0, 7), st.integers(1, 7)).map(lambda s: (s[0], s[0] + s[1])), max_size=28)
-)
+@given(st.sets(st.tuples(st.integers(0, 7), st.integers(1, 7)).map(lambda s: (s[0], sum(s))), max_size=28))
 def test_brackets_of_one_lane_do_not_overlap(spans: set[tuple[int, int]]) -> None:
     for (first, lane), (second, other) in itertools.combinations(lanes(spans).items(), 2):
         assert lane != other or first[1] <= second[0] or second[1] <= first[0]

@@ -111,10 +111,8 @@ def test_releases_that_ship_have_valid_croissant_metadata() -> None:
 
 def test_a_release_has_one_file_per_table_and_experiment_and_nothing_that_runs(released: Path) -> None:
     files = sorted(path.relative_to(released).as_posix() for path in released.rglob("*") if path.is_file())
-    assert [name for name in files if "/episodes/" in name] == [
-        "tables/episodes/again.parquet",
-        "tables/episodes/original.parquet",
-    ]
+    episodes = [name for name in files if "/episodes/" in name]
+    assert episodes == [f"tables/episodes/{name}.parquet" for name in ("again", "original")]
     assert {Path(name).suffix for name in files} == {".gz", ".json", ".md", ".parquet", ".safetensors"}
     assert sum(name.endswith(".safetensors") for name in files) == 6
     assert not [name for name in files if name.startswith(("staging", "checkpoints", "tmp", "lease"))]
@@ -197,10 +195,8 @@ def test_nothing_is_overwritten_and_nothing_is_left_of_a_failure(
 
 
 def test_a_root_at_work_is_not_released(root: Path, tmp_path: Path) -> None:
-    with (
-        Lease(Store.open(root), "stumps"),
-        pytest.raises(BaselineError, match="stumps is at work on the root"),
-    ):
+    at_work = pytest.raises(BaselineError, match="stumps is at work on the root")
+    with Lease(Store.open(root), "stumps"), at_work:
         release(root, "mine", tmp_path, partial=True)
     assert not list(tmp_path.iterdir())
 

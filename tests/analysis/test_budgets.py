@@ -62,14 +62,12 @@ def test_agreement_is_that_of_the_runs_of_each_challenge(
     frames: Frames, curves: Mapping[str, pd.DataFrame], comparison: BudgetComparison
 ) -> None:
     cells = frames.cells[frames.cells["expert_knowledge"] == "high"]
+
+    def pair(curve: pd.DataFrame) -> tuple[float, float]:
+        return measured(curve, BUDGETS[0])[0], measured(curve, BUDGETS[-1])[1]
+
     spaces = [
-        {
-            teacher: [
-                (measured(curves[run_id], BUDGETS[0])[0], measured(curves[run_id], BUDGETS[-1])[1])
-                for run_id in runs["run_id"]
-            ]
-            for teacher, runs in space.groupby("teacher")
-        }
+        {name: [pair(curves[run]) for run in runs["run_id"]] for name, runs in space.groupby("teacher")}
         for _, space in cells.groupby("challenge")
     ]
     expected, last = effect_correlation(spaces), comparison.agreements[-1]
@@ -102,10 +100,8 @@ def test_lines_of_the_chart_cross_where_pairs_change_places(comparison: BudgetCo
     labels = {mark.teacher: (mark.text, mark.y) for mark in panel.marks if isinstance(mark, Label)}
     assert lines.keys() == labels.keys() == names.keys()
     assert all(labels[teacher] == (names[teacher], line[-1]) for teacher, line in lines.items())
-    crossed = sum(
-        (first[0] - second[0]) * (first[-1] - second[-1]) < 0
-        for first, second in itertools.combinations(lines.values(), 2)
-    )
+    drawn = itertools.combinations(lines.values(), 2)
+    crossed = sum((one[0] - other[0]) * (one[-1] - other[-1]) < 0 for one, other in drawn)
     early, last = (comparison.means[FINAL, budget].rank() for budget in (BUDGETS[0], BUDGETS[-1]))
     pairs = itertools.combinations(names, 2)
     assert crossed == sum((early[a] - early[b]) * (last[a] - last[b]) < 0 for a, b in pairs)

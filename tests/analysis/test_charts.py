@@ -120,10 +120,8 @@ def test_tasks_on_a_full_grid_fill_the_map_at_every_step() -> None:
     scale = json.loads(chart.json)["data"][0]["colorscale"]  # by a name plotly.js has another one
     assert (scale[0], scale[-1]) == ([0.0, "rgb(247,251,255)"], [1.0, "rgb(8,48,107)"])
     assert (list(trace.x), list(trace.y)) == ([0, 2], [1, 5])
-    assert [[list(row) for row in shown(chart, step)[0]["z"]] for step in (0, END)] == [
-        [[50, 0], [100, 25]],
-        [[50, 100], [0, 75]],
-    ]
+    drawn = [[list(row) for row in shown(chart, step)[0]["z"]] for step in (0, END)]
+    assert drawn == [[[50, 0], [100, 25]], [[50, 100], [0, 75]]]
 
 
 def test_tasks_of_many_dimensions_lie_in_rows_the_easiest_first() -> None:
@@ -134,9 +132,8 @@ def test_tasks_of_many_dimensions_lie_in_rows_the_easiest_first() -> None:
 
 def curriculum(size: int, gaussians: list[dict[str, Any]], boxes: list[dict[str, Any]]) -> RunCurriculum:
     tasks = [np.full(size, value, np.float32) for value in (0.5, 1.0)]
-    episodes = pd.DataFrame(
-        {"step": [10, 90], "task": tasks, "world_task": None, "episodic_return": [-50.0, 250]}
-    )
+    episodes = pd.DataFrame({"step": [10, 90], "task": tasks, "episodic_return": [-50.0, 250]})
+    episodes["world_task"] = None
     probes = pd.DataFrame({"step": [0, 100], "task": tasks})
     updates = pd.DataFrame({"step": [50], "gaussians": [gaussians], "boxes": [boxes], "scalars": [[]]})
     return RunCurriculum(episodes, probes, updates, steps=100)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from scipy import stats
 from synthetic_results import SyntheticCampaign, mastering
 from views import printed
 
+from analysis.claims.agreement import BOOTSTRAP_DRAWS, draws_of_entries, draws_of_runs, kendall, tau_interval
 from analysis.claims.judging import ClaimVerdict, judge
 from analysis.claims.sources import PaperSource, RootSource, Sample
 from analysis.commands.claims import show_claims
@@ -21,8 +23,8 @@ from analysis.data.loading import load
 from analysis.formatting import number
 from analysis.measures.evaluations import search_results
 from analysis.pages.report import write_report
-from analysis.statistics import Description, percent_interval
-from analysis.statistics.samples import Standing, bounded_interval
+from analysis.statistics import Description, describe, percent_interval
+from analysis.statistics.samples import Standing, bounded_interval, contrary, equivalent, greater
 from tma_ray.benchmark import (
     MATRICES,
     PAPER_STEPS,
@@ -67,13 +69,9 @@ What has no data is read after a part of the training, or comes from a case stud
 
 
 def readings(claim: Claim) -> list[Reading]:
-    found = []
-    for statement in claim.statements:
-        if isinstance(statement, Compared | Scaled):
-            found += [statement.first, statement.second]
-        else:
-            found.append(statement.reading)
-    return found
+    pairs = [each for each in claim.statements if isinstance(each, Compared | Scaled)]
+    single = [each.reading for each in claim.statements if each not in pairs]
+    return single + [reading for pair in pairs for reading in (pair.first, pair.second)]
 
 
 @pytest.mark.parametrize("verdict", judge(PaperSource()), ids=lambda verdict: verdict.claim.name)
@@ -181,24 +179,19 @@ def test_claims_need_as_many_as_they_say(tmp_path: Path) -> None:
     assert decide(3, yes, no, unknown) is Standing.REFUTED
 
 
-def test_an_empty_root_decides_no_claim(tmp_path: Path) -> None:
+def test_an_empty_root_and_other_teachers_decide_no_claim(tmp_path: Path) -> None:
     SyntheticCampaign(tmp_path)
-    assert {verdict.standing for verdict in judge(RootSource(load(tmp_path)))} == {Standing.NO_DATA}
-
-
-def test_other_teachers_decide_no_claim(tmp_path: Path) -> None:
-    write(tmp_path, "sfl", [5, 6, 4, 5])
-    assert {verdict.standing for verdict in judge(RootSource(load(tmp_path)))} == {Standing.NO_DATA}
+    for seeds in ([], [5, 6, 4, 5]):
+        write(tmp_path, "sfl", seeds)
+        assert {verdict.standing for verdict in judge(RootSource(load(tmp_path)))} == {Standing.NO_DATA}
 
 
 def test_claims_are_shown_with_what_is_behind_them(rugged: Path) -> None:
     text = " ".join(printed(show_claims, rugged, details=True).split())
     assert "undecided: In a rugged landscape ADR is worse than Random, whatever it knows." in text
     assert "1 of 2 statements supported, 1 no data" in text
-    assert (
-        f"supported: ADR (rugged difficulty, low) {number(-35)} points from Random (rugged difficulty, low)"
-        in text
-    )
+    difference = f"ADR (rugged difficulty, low) {number(-35)} points from Random (rugged difficulty, low)"
+    assert f"supported: {difference}" in text
 
 
 def test_the_report_tells_which_claims_it_can_judge(rugged: Path) -> None:
@@ -367,3 +360,95 @@ def test_the_best_is_shown_beside_the_papers_choice(tmp_path: Path) -> None:
 def test_a_root_without_a_search_says_so(tmp_path: Path) -> None:
     SyntheticCampaign(tmp_path).plain_run("random", 0, {0: [1.0]}, status="running")
     assert "No point of a search" in printed(show_search, tmp_path)
+
+
+def test_tau_is_that_of_scipy_with_ties_too() -> None:
+    rng = np.random.default_rng(1)
+    first, second = rng.integers(0, 5, (2, 20, 8)).astype(float)
+    expected = [stats.kendalltau(*each).statistic for each in zip(first, second, strict=True)]
+    assert kendall(first, second) == pytest.approx(expected)
+    assert np.isnan(kendall(np.zeros(4), np.arange(4.0)))
+
+
+def test_draws_scatter_as_means_of_runs_do() -> None:
+    """Of two strata of equal weight, by the variance of their runs with n - 1."""
+    rng = np.random.default_rng(2)
+    strata = [pd.Series([1.0, 4.0, 10.0]), pd.Series([0.0, 20.0])]
+    drawn = draws_of_runs(strata, rng)
+    assert drawn.shape == (BOOTSTRAP_DRAWS,)
+    assert drawn.mean() == pytest.approx(7.5, abs=0.4)
+    assert drawn.var() == pytest.approx((21.0 / 3 + 200.0 / 2) / 4, rel=0.1)
+    assert np.isnan(draws_of_runs([pd.Series([1.0])], rng)).all()
+    entries = [Description(16, 10.0, 8.0), Description(16, 20.0, 8.0)]
+    assert draws_of_entries(entries, rng).mean() == pytest.approx(15.0, abs=0.1)
+    assert draws_of_entries(entries, rng).std() == pytest.approx(np.sqrt(8.0) / 2, rel=0.05)
+
+
+@pytest.mark.parametrize("agreeing", [0.0, 0.7])
+def test_the_interval_holds_the_tau_that_other_runs_have(agreeing: float) -> None:
+    """Eight teachers on six challenges, 5 and 32 seeds; true effects as large as the deviation of a run."""
+    rng = np.random.default_rng(7)
+    mine = rng.normal(0.0, 9.0, (6, 8))
+    theirs = agreeing * mine + np.sqrt(1 - agreeing**2) * rng.normal(0.0, 9.0, (6, 8))
+
+    def sides() -> tuple[np.ndarray, np.ndarray]:
+        return rng.normal(mine[..., None], 9.0, (6, 8, 5)), rng.normal(theirs[..., None], 9.0, (6, 8, 32))
+
+    def tau(ours: np.ndarray, papers: np.ndarray) -> float:
+        return float(kendall(ours.mean(axis=-1), papers.mean(axis=-1)).mean())
+
+    expected, held = np.mean([tau(*sides()) for _ in range(400)]), []
+    for _ in range(60):
+        ours, papers = sides()
+        draws = [
+            kendall(
+                np.stack([draws_of_runs([pd.Series(runs)], rng) for runs in place], axis=-1),
+                np.stack([draws_of_entries([describe(runs)], rng) for runs in other], axis=-1),
+            )
+            for place, other in zip(ours, papers, strict=True)
+        ]
+        low, high = tau_interval(tau(ours, papers), np.mean(draws, axis=0))
+        assert high - low < 0.5
+        held.append(low <= expected <= high)
+    assert np.mean(held) > 0.88
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "is_greater", "is_equivalent"),
+    [
+        (1.0, 20.0, Standing.SUPPORTED, Standing.REFUTED),
+        (-20.0, -1.0, Standing.REFUTED, Standing.REFUTED),
+        (-2.0, 3.0, Standing.REFUTED, Standing.SUPPORTED),
+        (0.5, 3.0, Standing.SUPPORTED, Standing.SUPPORTED),
+        (-8.0, 12.0, Standing.UNDECIDED, Standing.UNDECIDED),
+        (-8.0, 4.0, Standing.REFUTED, Standing.UNDECIDED),
+        (math.nan, math.nan, Standing.UNDECIDED, Standing.UNDECIDED),
+    ],
+)
+def test_standings(low: float, high: float, is_greater: Standing, is_equivalent: Standing) -> None:
+    assert greater(low, high) is is_greater
+    assert equivalent(low, high) is is_equivalent
+    assert equivalent(-high, -low) is is_equivalent
+    assert contrary(contrary(greater(low, high))) is greater(low, high)
+
+
+def intervals(difference: float, seeds: int, experiments: int) -> np.ndarray:
+    rng = np.random.default_rng(5)
+    first, second = rng.normal(difference, 10, (experiments, seeds)), rng.normal(0, 10, (experiments, seeds))
+    found = stats.ttest_ind(first, second, axis=1, equal_var=False).confidence_interval(0.95)
+    return np.column_stack([found.low, found.high])
+
+
+@pytest.mark.parametrize("seeds", [3, 32])
+def test_a_teacher_that_is_better_is_not_called_no_better_for_lack_of_seeds(seeds: int) -> None:
+    # A difference of 10 points, a deviation of 10: few seeds leave it undecided, and do not refute it.
+    standings = [greater(low, high) for low, high in intervals(10.0, seeds, 1_000)]
+    assert standings.count(Standing.REFUTED) <= 0.025 * len(standings) + 10
+    assert (standings.count(Standing.UNDECIDED) > 700) is (seeds == 3)
+
+
+def test_equivalence_is_seldom_found_where_there_is_none() -> None:
+    standings = [equivalent(low, high) for low, high in intervals(5.0, 32, 1_000)]
+    assert standings.count(Standing.SUPPORTED) <= 0.025 * len(standings) + 10
+    alike = [equivalent(low, high) for low, high in intervals(0.0, 200, 1_000)]
+    assert alike.count(Standing.SUPPORTED) > 900

@@ -184,9 +184,7 @@ def test_the_area_under_the_curve_can_be_the_measure(tmp_path: Path, told: Told)
             returns = {0: mastering(first), 1_000: mastering(last)}
             campaign.plain_run(teacher, seed, returns, level="none", challenge=CHALLENGES[0])
     runs = comparable_runs(result_set(load(mine), "yours"), [result_set(load(theirs), "theirs")])
-    ends, areas = (
-        head_to_head(runs, ["frontier"], measure) for measure in ("mastered_percent", "mastered_area")
-    )
+    ends, areas = (head_to_head(runs, ["frontier"], f"mastered_{of}") for of in ("percent", "area"))
     assert ends["difference"].tolist() == [0.0]
     assert areas["difference"].tolist() == [40.0]
     said = told(0, "compare", mine, "--baseline", theirs, "--measure", "mastered_area")

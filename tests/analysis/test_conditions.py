@@ -111,11 +111,8 @@ def test_figures_have_a_set_for_each(frames: Frames) -> None:
 def test_claims_never_mix_conditions(frames: Frames) -> None:
     source = RootSource(frames)
     assert source.note.startswith("Claims are judged by results of ")
-    samples = [
-        source.sample(Reading(teacher, challenge, KnowledgeLevel.NONE))
-        for teacher in COUNTS
-        for challenge in CHALLENGES
-    ]
+    readings = [Reading(name, place, KnowledgeLevel.NONE) for name in COUNTS for place in CHALLENGES]
+    samples = [source.sample(reading) for reading in readings]
     cells = frames.cells.set_index("run_id")
     runs = [run for sample in samples if sample is not None for run in sample.runs]
     assert runs
@@ -132,9 +129,8 @@ def test_claims_about_each_environment_are_judged_by_its_own_conditions(tmp_path
     source = RootSource(load(tmp_path))
     assert source.note == ""
     for environment in places:
-        sample = source.sample(
-            Reading("riac", "original", KnowledgeLevel.LOW, environment, "classic_bipedal")
-        )
+        reading = Reading("riac", "original", KnowledgeLevel.LOW, environment, "classic_bipedal")
+        sample = source.sample(reading)
         assert sample is not None
         assert sample.description.n == 3
     SyntheticCampaign(tmp_path, steps=3000, prefix="longer").seeds("riac", (9, 9), level="low")

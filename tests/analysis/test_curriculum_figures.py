@@ -35,13 +35,11 @@ PLANE = axes(2)
 
 
 def film_of(curricula: dict[str, RunCurriculum]) -> Figure:
-    """The film strip of one run of each teacher."""
     teachers = sorted(curricula, key=teacher_order)
     return film_strip([Shot(name, name, curricula[name]) for name in teachers], PLANE, width=PAGE_WIDTH)
 
 
 def played(world_task: np.ndarray | None = None) -> RunCurriculum:
-    """A run of ten episodes."""
     steps = np.arange(10, 101, 10)
     tasks = [np.array([s / 50, s / 20], np.float32) for s in steps]
     episodes = pd.DataFrame({"step": steps, "task": tasks, "episodic_return": steps.astype(float)})
@@ -70,9 +68,8 @@ def test_colours_are_the_benchmarks_unless_a_world_has_its_own_threshold() -> No
         return bar.get_ylim()
 
     assert limits(played()) == RETURN_RANGE
-    assert limits(replace(played(), mastery=40.0)) == pytest.approx(
-        np.percentile([*range(10, 101, 10), 40], (2, 98))
-    )
+    percentiles = np.percentile([*range(10, 101, 10), 40], (2, 98))
+    assert limits(replace(played(), mastery=40.0)) == pytest.approx(percentiles)
     assert limits(replace(played(), mastery=-500.0))[0] == pytest.approx(-500)
 
 
@@ -85,11 +82,10 @@ def test_moments_are_spread_over_the_probes_of_all_teachers() -> None:
 
 
 def test_the_view_shows_probes_at_their_step_and_says_where_there_are_none() -> None:
-    panels = film_of({"random": curriculum("random"), "adr": curriculum("adr", upto=0.5)}).axes
+    late = curriculum("random")
+    panels = film_of({"random": late, "adr": curriculum("adr", upto=0.5)}).axes
     random, adr = panels[:MOST_MOMENTS], panels[MOST_MOMENTS : 2 * MOST_MOMENTS]
-    np.testing.assert_array_equal(
-        random[2].collections[0].get_offsets(), curriculum("random").probed_at(8_000_000)
-    )
+    np.testing.assert_array_equal(random[2].collections[0].get_offsets(), late.probed_at(8_000_000))
     assert not any(panel.patches for panel in random)
     assert [bool(panel.texts) for panel in adr] == [False] * 3 + [True] * 3
 
@@ -169,9 +165,7 @@ def test_boxes_and_gaussians_are_drawn_dimension_by_dimension() -> None:
 
 @pytest.mark.parametrize(("size", "rows"), [(1, 1), (6, 5)])
 def test_constant_dimensions_are_left_out(size: int, rows: int) -> None:
-    panels = dimension_bands(
-        {"random": curriculum("random", size), "adr": curriculum("adr", size)}, axes(size)
-    ).axes
+    panels = dimension_bands({name: curriculum(name, size) for name in ("random", "adr")}, axes(size)).axes
     assert len(panels) == 2 * rows
     names = " ".join(panel.get_ylabel() for panel in panels[::2])
     assert "Dimension 0" in names

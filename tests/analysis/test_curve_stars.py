@@ -38,7 +38,6 @@ def panel() -> CurvePanel:
 
 
 def stars(axes: Axes) -> dict[str, list[float]]:
-    """Return the steps of the stars by what they say."""
     return {str(line.get_gid()): list(line.get_xdata()) for line in axes.lines if line.get_gid()}
 
 
@@ -107,24 +106,19 @@ def parkour_runs() -> pd.DataFrame:
     for teacher, means in (("random", (20, 10, 0)), ("alp_gmm", (60, 30, 1))):
         seeds = {body: [mean + seed for seed in range(4)] for body, mean in zip(bodies, means, strict=True)}
         rows += parkour(teacher, seeds, steps=10.0 * MILLION)
-    values = pd.concat(
-        pd.DataFrame({"run_id": [row["run_id"] for row in rows], "step": step}).assign(
-            mastered_percent=[row["mastered_percent"] * step / (10 * MILLION) for row in rows]
-        )
-        for step in (0, 5 * MILLION, 10 * MILLION)
-    )
+    values = [
+        {"run_id": row["run_id"], "step": step, "mastered_percent": row["mastered_percent"] * share}
+        for row in rows
+        for step, share in ((0, 0.0), (5 * MILLION, 0.5), (10 * MILLION, 1.0))
+    ]
     cells = pd.DataFrame(rows).drop(columns=["mastered_percent", "step"])
-    return pool_runs(cells, values)
+    return pool_runs(cells, pd.DataFrame(values))
 
 
 def test_parkour_has_a_panel_for_all_bodies_and_one_for_each() -> None:
     panels = body_panels(parkour_runs())
-    assert [panel.title for panel in panels] == [
-        "All bodies",
-        "Classic bipedal",
-        "Climbing chimpanzee",
-        "Fish",
-    ]
+    titles = [panel.title for panel in panels]
+    assert titles == ["All bodies", "Classic bipedal", "Climbing chimpanzee", "Fish"]
     assert {int(panel.curves["n"].max()) for panel in panels[1:]} == {4}
     assert panels[0].curves["n"].max() == 12
     figure = curves_with_stars(panels)
@@ -163,8 +157,11 @@ def of_teachers(*teachers: str) -> pd.DataFrame:
     return panel().curves[panel().curves["teacher"].isin(teachers)]
 
 
+def with_curves(curves: pd.DataFrame) -> object:
+    return curves_with_stars([replace(panel(), curves=curves)])
+
+
 def several(**changes: object) -> pd.DataFrame:
-    """Return runs of two comparisons."""
     first = curve_runs(["adr"], seeds=2, every=5 * MILLION, head_start={"none": 0.0, "high": 0.3})
     return pd.concat([first, curve_runs(["adr"], seeds=2, every=5 * MILLION, **changes)])
 
@@ -173,16 +170,10 @@ def several(**changes: object) -> pd.DataFrame:
     ("draw", "message"),
     [
         (lambda: curves_with_stars([]), "no panels"),
-        (lambda: curves_with_stars([replace(panel(), curves=of_teachers())]), "no panel has results"),
+        (lambda: with_curves(of_teachers()), "no panel has results"),
         (lambda: curves_with_stars([panel()], every=7 * MILLION), "none at a multiple of 7,000,000 steps"),
-        (
-            lambda: curves_with_stars([replace(panel(), curves=pd.concat([panel().curves] * 2))]),
-            "several of adr, low, 0",
-        ),
-        (
-            lambda: curves_with_stars([replace(panel(), curves=many(1).drop(columns="step"))]),
-            "step not there",
-        ),
+        (lambda: with_curves(pd.concat([panel().curves] * 2)), "several of adr, low, 0"),
+        (lambda: with_curves(many(1).drop(columns="step")), "step not there"),
         (lambda: pairwise_curves(of_teachers("adr"), panel().tests), "at least two"),
         (lambda: pairwise_curves(of_teachers(), panel().tests), "at least one row"),
         (lambda: body_panels(several()), "expected one expert_knowledge"),
@@ -210,7 +201,6 @@ def test_every_pair_has_a_panel_with_its_two_curves_and_stars() -> None:
 
 
 def many(count: int) -> pd.DataFrame:
-    """Return curves of so many teachers beside Random."""
     names = ["random", *(f"teacher_{number:02}" for number in range(count))]
     rows = [(name, "low", step, 4, float(step), 1.0) for name in names for step in (0, 1000)]
     columns = ["teacher", "expert_knowledge", "step", "n", "mastered_percent_mean", "mastered_percent_std"]

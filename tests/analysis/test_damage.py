@@ -128,7 +128,6 @@ def damaged(runs: tuple[Path, dict[str, str], dict[str, RunRecord]]) -> dict[str
 
 
 def messages_of(action: Callable[[], Any]) -> tuple[Any, str]:
-    """What `action` returned, and its warnings."""
     with pytest.warns(DamagedFileWarning) as caught:
         result = action()
     return result, "\n".join(str(warning.message) for warning in caught)
@@ -156,9 +155,8 @@ def test_status_and_ranking_go_on(root: Path, runs: Any) -> None:
 def test_what_is_damaged_is_verified_to_be_and_nothing_else(root: Path, damaged: dict[str, str]) -> None:
     found = verify_root(Store.open(root))
     assert {damage.path for damage in found.damage} == set(damaged.values())
-    assert {Path(path).stem for path in found.unlisted} == {
-        run for run, path in damaged.items() if path.startswith("manifests")
-    }
+    lost = {run for run, path in damaged.items() if path.startswith("manifests")}
+    assert {Path(path).stem for path in found.unlisted} == lost
 
 
 def test_a_campaign_does_damaged_runs_again(root: Path, runs: Any) -> None:
@@ -235,12 +233,11 @@ def test_tables_about_runs_are_named_and_made_anew(small: Path, tmp_path: Path) 
     assert attempts.empty
     assert frames.evaluations["run_id"].nunique() == 2
     assert not [path for path in damaged if path.name not in text]
-    assert {damage.path for damage in verify_root(Store.open(root)).damage} == {
-        str(path.relative_to(root)) for path in damaged
-    }
-    cells = [{"experiment": "original", "run_id": "r", "seed": 0}]
+    found = {damage.path for damage in verify_root(Store.open(root)).damage}
+    assert found == {str(path.relative_to(root)) for path in damaged}
     names = ("environment", "challenge", "embodiment", "student", "teacher", "expert_knowledge")
-    Committer.open(root).write_cells("first_look", [cell | dict.fromkeys(names, "x") for cell in cells])
+    cell = {"experiment": "original", "run_id": "r", "seed": 0} | dict.fromkeys(names, "x")
+    Committer.open(root).write_cells("first_look", [cell])
     assert len(Results.open(root).table(Table.CELLS)) == 1
 
 

@@ -36,7 +36,6 @@ KNOWN = ["random", "adr", "alp_gmm", "covar_gmm", "goal_gan", "riac", "setter_so
 
 
 def curves(*rows: tuple[str, int, float], teacher: str = "adr") -> pd.DataFrame:
-    """Values of runs at steps."""
     table = pd.DataFrame(rows, columns=["run_id", "step", "mastered_percent"])
     return table.assign(**dict.fromkeys(GROUP, "x") | {"teacher": teacher})
 

@@ -69,10 +69,8 @@ def test_titles_of_neighbours_are_a_letter_apart(name: str, cornered: bool) -> N
     shots = [Shot(name, "random", each) for each in (everywhere, second) * 2]
     figure, drawn = styled(lay_out)(film(shots, PLANE, 2))
     FigureCanvasAgg(figure).draw()  # type: ignore[no-untyped-call]
-    titles = [
-        next(text for text in axes.findobj(Text) if text.get_text() == axes.get_title("left"))
-        for axes in drawn.values()
-    ]
+    texts = [(axes.get_title("left"), axes.findobj(Text)) for axes in drawn.values()]
+    titles = [next(text for text in found if text.get_text() == title) for title, found in texts]
     letter = 0.6 * titles[0].get_fontsize() * figure.dpi / 72
     boxes = [title.get_window_extent() for title in titles]
     assert all(left.x1 + letter < right.x0 for left, right in itertools.pairwise(boxes))
@@ -115,13 +113,9 @@ def test_of_regions_behind_each_other_the_highest_score_is_seen() -> None:
 def test_what_cannot_be_drawn_is_refused() -> None:
     six, shots = curriculum("adr", 6), [Shot("ADR", "adr", curriculum("adr"))]
     silent = replace(shots[0].curriculum, probes=shots[0].curriculum.probes.head(0))
-    for runs, message in (
-        ([Shot("ADR", "adr", six)], "have 6 dimensions"),
-        ([], "no runs"),
-        ([Shot("ADR", "adr", silent)], "no moments"),
-    ):
+    for logs, message in (([six], "have 6 dimensions"), ([], "no runs"), ([silent], "no moments")):
         with pytest.raises(ValueError, match=message):
-            film_strip(runs, PLANE)
+            film_strip([Shot("ADR", "adr", log) for log in logs], PLANE)
     for dimensions in ((0, 0), (0, 6), (-1, 0)):
         with pytest.raises(ValueError, match="two different ones from 0 to 5"):
             projected(six, dimensions)

@@ -44,9 +44,7 @@ def batch(folder: Path, seeds: range, campaign: str = "batch") -> Path:
 
 
 def files(folder: Path) -> dict[str, bytes]:
-    return {
-        path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()
-    }
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 @pytest.fixture(scope="module")
@@ -62,13 +60,11 @@ def whole(first: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def grown(whole: Path, tmp_path: Path) -> Path:
-    """A copy, which may grow."""
     return Path(shutil.copytree(whole, tmp_path / "out" / "growing"))
 
 
 @pytest.fixture(scope="module")
 def more(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A root with another seed."""
     return batch(tmp_path_factory.mktemp("more") / "more", range(2, 3))
 
 
@@ -87,13 +83,11 @@ def test_what_it_holds_of_its_runs_is_what_their_root_holds(first: Path, grown: 
     ours, theirs = load(grown), load(first)
     for name in ("cells", "training", "test_tasks"):
         pd.testing.assert_frame_equal(getattr(ours, name), getattr(theirs, name), check_exact=True)
-    evaluations = theirs.evaluations.assign(
-        episodic_return=theirs.evaluations["episodic_return"].astype(np.float32).astype(float)
-    )
+    returns = theirs.evaluations["episodic_return"].astype(np.float32).astype(float)
+    evaluations = theirs.evaluations.assign(episodic_return=returns)
     pd.testing.assert_frame_equal(ours.evaluations, evaluations, check_exact=True)
-    probes, exact = (
-        np.stack(frames.results.table(Table.CURRICULUM)["task"].to_numpy()) for frames in (ours, theirs)
-    )
+    tasks = [frames.results.table(Table.CURRICULUM)["task"].to_numpy() for frames in (ours, theirs)]
+    probes, exact = map(np.stack, tasks)
     assert len(probes) > 100
     assert not np.array_equal(probes, exact)
     np.testing.assert_allclose(probes, exact, rtol=2.0**-12, atol=0)
@@ -147,12 +141,8 @@ def test_a_second_shard_adds_what_is_new_and_changes_no_file(grown: Path, tmp_pa
     before = files(grown)
     assert add_to_release(root, "growing", "batch-2", grown.parent) == grown
     after = files(grown)
-    assert {name for name in before if after[name] != before[name]} == {
-        "README.md",
-        "baseline.json",
-        "manifests.jsonl.gz",
-        "croissant.json",
-    }
+    changed = {name for name in before if after[name] != before[name]}
+    assert changed == {"README.md", "baseline.json", "manifests.jsonl.gz", "croissant.json"}
     assert set(after) - set(before) == {f"tables/{table}/batch-2.parquet" for table in PACKED}
     assert verify(grown).whole
     assert sorted(load(grown).cells["seed"]) == [0, 0, 1, 1, 2, 2]
@@ -222,12 +212,9 @@ def test_shards_are_merged_by_packing_the_release_anew(grown: Path, more: Path) 
     merged = release(grown, "whole", grown.parent, contents=LEAN, about=About(gaps="Parkour."))
     manifest = find_baseline(merged).manifest
     assert (manifest.core, manifest.gaps) == (("batch",), "Parkour.")
-    assert {name for name in files(merged) if name.startswith("tables/evaluations")} == {
-        "tables/evaluations/original.parquet"
-    }
-    assert {name for name in files(merged) if name.startswith("tables/cells")} == {
-        "tables/cells/batch.parquet"
-    }
+    for table, name in (("evaluations", "original"), ("cells", "batch")):
+        found = {path for path in files(merged) if path.startswith(f"tables/{table}")}
+        assert found == {f"tables/{table}/{name}.parquet"}
     for table in (Table.CELLS, Table.RUNS, Table.ATTEMPTS):
         before, after = (Results.open(root).table(table).to_pylist() for root in (grown, merged))
         assert sorted(map(str, before)) == sorted(map(str, after))
@@ -296,10 +283,8 @@ def test_released_policies_are_those_of_the_runs_with_the_median_results_of_lite
     assert not ours.cells.duplicated(["teacher", "settings"]).any()
     assert set(released) <= set(areas.loc[areas["mastered_area"] == middle, "run_id"].astype(str))
     order = ["run_id", "step", "task_index", "episodic_return"]
-    before, after = (
-        frames.evaluations.loc[frames.evaluations["run_id"].isin(released), order].sort_values(order[:3])
-        for frames in (lite_2, ours)
-    )
+    rows = [frames.evaluations[order] for frames in (lite_2, ours)]
+    before, after = (each[each["run_id"].isin(released)].sort_values(order[:3]) for each in rows)
     assert before["run_id"].astype(str).tolist() == after["run_id"].astype(str).tolist()
     returns = (frame["episodic_return"].to_numpy(np.float32) for frame in (before, after))
     np.testing.assert_array_equal(*returns)

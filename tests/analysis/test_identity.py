@@ -97,9 +97,8 @@ def test_other_runs_of_a_root_are_never_pooled(kind: str, tmp_path: Path) -> Non
     frames = load(tmp_path)
     table = ranking(frames)
     assert sorted(zip(table["mastered_area_mean"], table["n"], strict=True)) == [(0, 2), (100, 3)]
-    means = (
-        final_evaluations(frames).groupby([*COMPARISON, "teacher"])["mastered_percent"].agg(["mean", "size"])
-    )
+    mastered = final_evaluations(frames).groupby([*COMPARISON, "teacher"])["mastered_percent"]
+    means = mastered.agg(["mean", "size"])
     assert sorted(means.itertuples(index=False, name=None)) == [(0, 2), (100, 3)]
     shown = [row for results in table_results(frames) for row in results.rows.itertuples()]
     assert {(row.mean, row.n) for row in shown} == {(0, 2), (100, 3)}
@@ -166,12 +165,11 @@ def test_names_say_what_differs(tmp_path: Path) -> None:
     other["student_hyperparameters"]["batch_size"] = 64
     write(tmp_path, other, 0, range(3, 5))
     frames = load(tmp_path)
-    assert set(frames.cells["student"]) == {"ppo", "ppo:batch_size=64:learning_rate=0.001"}
-    assert frames.warnings == (
-        "2 runs of student 'ppo' stand apart as 'ppo:batch_size=64:learning_rate=0.001'.",
-    )
+    name = "ppo:batch_size=64:learning_rate=0.001"
+    assert set(frames.cells["student"]) == {"ppo", name}
+    assert frames.warnings == (f"2 runs of student 'ppo' stand apart as '{name}'.",)
     text = printed(show_ranking, tmp_path)
-    assert "classic_bipedal/ppo:batch_size=64:learning_rate=0.001" in text
+    assert f"classic_bipedal/{name}" in text
     assert "2 runs of student 'ppo' stand apart" in text
     assert "stand apart as" in write_report(tmp_path, tmp_path / "page").read_text()
 

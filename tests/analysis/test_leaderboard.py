@@ -36,11 +36,8 @@ from analysis.names import label
 from analysis.statistics import percent_interval
 
 CHALLENGES = ("mostly_unfeasible", "mostly_trivial")
-
 TEACHERS = ("random", "adr", "alp_gmm", "riac")
-
 STEPS = 2_000_000
-
 NAMES = {"student": "ppo", "benchmark_version": 1}
 
 
@@ -48,12 +45,8 @@ def mean_of(teacher: str, challenge: str) -> float:
     """What the paper has for a teacher; of later ones what it has for Random."""
     teacher = teacher if teacher in TEACHERS else "random"
     paper = paper_frame()
-    place = {
-        "environment": "stump_tracks",
-        "challenge": challenge,
-        "expert_knowledge": "high",
-        "teacher": teacher,
-    }
+    place = {"environment": "stump_tracks", "challenge": challenge, "expert_knowledge": "high"}
+    place["teacher"] = teacher
     (mean,) = paper.loc[paper[list(place)].eq(place).all(axis=1), "mastered_percent_mean"]
     return float(mean)
 
@@ -148,11 +141,9 @@ def test_boards_have_titles_of_their_own(tmp_path: Path) -> None:
             runs.seeds(teacher, [10, 30], 100, **cell)
     boards = leaderboards(load(tmp_path / "root"))
     start = "expert knowledge low, 2 million steps, Chipmunk 1"
-    assert {board.title: (len(board.challenges), board.entries[0].ranks[FINAL].n) for board in boards} == {
-        f"{start}, Parkour": (1, 6),
-        f"{start}, Stump Tracks": (1, 2),
-        f"{start}, Stump Tracks, ppo": (1, 2),
-    }
+    found = {board.title: (len(board.challenges), board.entries[0].ranks[FINAL].n) for board in boards}
+    titles = (f"{start}, Parkour", f"{start}, Stump Tracks", f"{start}, Stump Tracks, ppo")
+    assert found == dict(zip(titles, ((1, 6), (1, 2), (1, 2)), strict=True))
 
 
 def test_the_same_is_shown_in_the_terminal_and_on_the_site(released: Path, told: Told) -> None:
@@ -183,9 +174,8 @@ def test_the_answer_and_its_picture_come_before_the_table(released: Path) -> Non
     assert page.index(board.answer()) < page.index(picture) < page.index("| teacher | in the end, %")
     drawn = ElementTree.fromstring(svg(draw(chart)))
     shown = [text.text for text in drawn.iter("{http://www.w3.org/2000/svg}text")]
-    assert [text for text in shown if text in map(label, TEACHERS)] == [
-        label(entry.teacher) for entry in board.entries if entry.against
-    ]
+    names = [label(entry.teacher) for entry in board.entries if entry.against]
+    assert [text for text in shown if text in map(label, TEACHERS)] == names
     assert {"In the end", "Sooner"} <= set(shown)
 
 
@@ -196,11 +186,10 @@ def test_a_newcomer_leaves_the_core_as_it_is(root: Path, tmp_path: Path) -> None
     (after,) = leaderboards(load(root).with_core(["core"]))
     own = {entry.teacher: entry for entry in after.entries}
     for entry in before.entries:
-        now = own[entry.teacher]
-        assert {axis: replace(rank, chance=0.0) for axis, rank in entry.ranks.items()} == {
-            axis: replace(rank, chance=0.0) for axis, rank in now.ranks.items()
-        }
-        assert entry.against == now.against
+        pair = entry, own[entry.teacher]
+        ranks, now = ({axis: replace(rank, chance=0.0) for axis, rank in e.ranks.items()} for e in pair)
+        assert ranks == now
+        assert entry.against == own[entry.teacher].against
     newcomers = [entry for entry in after.entries if entry.ranks[FINAL].newcomer]
     assert {after.names[entry.teacher] for entry in newcomers} == {"PLR", "SFL"}
     assert all(rank.of == len(TEACHERS) + 1 for entry in newcomers for rank in entry.ranks.values())
@@ -247,19 +236,17 @@ def test_teachers_of_another_campaign_may_have_fewer_seeds(tmp_path: Path) -> No
 @pytest.mark.slow
 def test_what_a_release_lacks_is_named(tmp_path: Path, told: Told) -> None:
     root = write(tmp_path / "root", {"random": 2, "adr": 1})
-    SyntheticCampaign(root, experiment="mostly_trivial", campaign="core", steps=STEPS).run(
-        "riac", 0, "failed"
-    )
+    core = SyntheticCampaign(root, experiment="mostly_trivial", campaign="core", steps=STEPS)
+    core.run("riac", 0, "failed")
     place = release(root, "mine", tmp_path, partial=True)
     found = "\n".join(lacking(find_baseline(place)))
     for words in (
-        "runs are missing: 6 of 7 runs are done, 1 failed",
-        "no licence",
-        "versions of the benchmark: 0, 1",
-        "1 runs are not done",
-        "name machines",
-        "adr lacks the seeds 1",
-        "2 seeds, fewer than 3",
+        *(
+            "runs are missing: 6 of 7 runs are done, 1 failed",
+            "no licence",
+            "versions of the benchmark: 0, 1",
+        ),
+        *("1 runs are not done", "name machines", "adr lacks the seeds 1", "2 seeds, fewer than 3"),
     ):
         assert words in found
     said = json.loads(told(1, "verify", "--complete", place, "--json"))

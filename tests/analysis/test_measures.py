@@ -3,13 +3,16 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from synthetic_results import SMALL, SyntheticCampaign
 
 from analysis.comparisons.comparison import Measurements
+from analysis.data.frames import with_plain_texts
 from analysis.data.loading import load
 from analysis.data.reference import NO_BASELINE
 from analysis.measures import evaluations
+from tma_ray.cli import main
 
 
 def finals_by_run(campaign: SyntheticCampaign):
@@ -55,10 +58,8 @@ def test_the_ceiling_is_of_tasks_that_any_run_ever_masters(campaign: SyntheticCa
     campaign.plain_run("random", 0, {0: [0, 0, 0, 0], 500: [300, 300, 0, 0], 1000: [300, 0, 0, 0]})
     campaign.plain_run("adr", 0, {0: [0, 0, 0, 0], 1000: [300, 0, float("nan"), 300]})
     (row,) = evaluations.ceilings(load(campaign.root)).to_dict("records")
-    assert row == {
-        "environment": "stump_tracks", "test_set": row["test_set"], "tasks": 4,
-        "ever": 3, "last": 2, "best_percent": 50.0,
-    }  # fmt: skip
+    numbers = {"tasks": 4, "ever": 3, "last": 2, "best_percent": 50.0}
+    assert row == {"environment": "stump_tracks", "test_set": row["test_set"]} | numbers
     assert evaluations.ceilings(load(SyntheticCampaign(campaign.root / "empty").root)).empty
 
 
@@ -153,9 +154,8 @@ def test_training_returns_of_a_short_run_are_means_of_its_latest_episodes(tmp_pa
 
 
 def test_training_returns_of_a_long_run_come_from_its_windows(tmp_path: Path) -> None:
-    campaign = SyntheticCampaign(
-        tmp_path, steps=5_000_000, evaluation_every=5_000_000, episode_steps=50_000, grid=3
-    )
+    sizes = {"steps": 5_000_000, "evaluation_every": 5_000_000, "episode_steps": 50_000, "grid": 3}
+    campaign = SyntheticCampaign(tmp_path, **sizes)
     run = campaign.run("random", 0)
     frames = load(tmp_path)
     curve = evaluations.training_curves(frames)
@@ -173,20 +173,13 @@ def test_runs_outside_campaigns_are_read_too(campaign: SyntheticCampaign) -> Non
 
 
 def test_each_run_is_judged_by_its_own_threshold(campaign: SyntheticCampaign) -> None:
-    own = json.dumps({"mastery_threshold": -50.0})
-    runs = [
-        campaign.plain_run("random", 0, {1000: [-60, -40, 231]}),
-        campaign.plain_run(
-            "random", 0, {1000: [-60, -40, 231]}, environment="pendulum", spec=own, run_id="own"
-        ),
-    ]
+    own = {"environment": "pendulum", "spec": json.dumps({"mastery_threshold": -50.0}), "run_id": "own"}
+    runs = [campaign.plain_run("random", 0, {1000: [-60, -40, 231]}, **each) for each in ({}, own)]
     finals = finals_by_run(campaign)
     assert list(finals.loc[runs, "mastered_percent"].round()) == [33, 67]
     frames = load(campaign.root)
-    shares = evaluations.mastered_tasks(frames, evaluations.final_evaluations(frames)).set_index(
-        "environment"
-    )["share"]
-    assert shares["pendulum"].tolist() == [0, 1, 1]
+    shares = evaluations.mastered_tasks(frames, evaluations.final_evaluations(frames))
+    assert shares.loc[shares["environment"] == "pendulum", "share"].tolist() == [0, 1, 1]
     assert not frames.warnings
 
 
@@ -198,3 +191,32 @@ def test_mixed_thresholds_and_versions_of_a_plugin_are_warned_of(campaign: Synth
     warnings = " ".join(load(campaign.root).warnings)
     assert "stand apart: mastered over 1" in warnings
     assert "1 run of teacher 'mine' stand apart as 'mine:source=new'" in warnings
+
+
+TEXTS = ["alp_gmm", None, "random"]
+
+
+@pytest.mark.parametrize("dtype", ["object", "string", "category", pd.StringDtype("pyarrow")], ids=str)
+def test_texts_and_categories_become_objects(dtype: object) -> None:
+    frame = pd.DataFrame({"teacher": pd.Series(TEXTS, dtype=dtype), "seed": [0, 1, 2]})
+    plain = with_plain_texts(frame)
+    assert (plain["teacher"].dtype, plain["seed"].dtype) == (object, frame["seed"].dtype)
+    assert plain["teacher"].dropna().tolist() == ["alp_gmm", "random"]
+
+
+@pytest.mark.filterwarnings("ignore:The 'future.infer_string' option is deprecated")
+@pytest.mark.parametrize("inferred", [True, False])
+def test_results_are_read_with_and_without_inferred_texts(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], inferred: bool
+) -> None:
+    """Without them, pandas 3 reads texts as pandas 2 does."""
+    campaign = SyntheticCampaign(tmp_path, **SMALL)
+    for teacher in ("random", "alp_gmm"):
+        for seed in range(3):
+            campaign.run(teacher, seed)
+    with pd.option_context("future.infer_string", inferred):
+        frames = load(tmp_path)
+        assert sorted(frames.cells["teacher"]) == 3 * ["alp_gmm"] + 3 * ["random"]
+        assert frames.cells["teacher"].dtype == object
+        assert main(["ranking", str(tmp_path)]) == 0
+    assert "alp_gmm" in capsys.readouterr().out.lower().replace("-", "_")

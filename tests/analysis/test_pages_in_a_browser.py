@@ -38,13 +38,11 @@ def synthetic_root(
 
 @pytest.fixture(scope="module")
 def small_root(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two teachers on one challenge at one level."""
     return synthetic_root(tmp_path_factory.mktemp("small"), {"original": ("none",)}, ("random", "alp_gmm"))
 
 
 @pytest.fixture(scope="module")
 def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two challenges, two levels on one of them."""
     levels: dict[str, tuple[str, ...]] = {"original": ("none", "low"), "mostly_trivial": ("none",)}
     return synthetic_root(tmp_path_factory.mktemp("pages"), levels)
 
@@ -78,7 +76,6 @@ class Reader:
         self.page.wait_for_selector(".plot .main-svg")
 
     def unfold(self) -> None:
-        """Open all comparisons."""
         self.page.evaluate("for (const each of document.querySelectorAll('details')) each.open = true")
 
     def read_through(self) -> None:
@@ -97,7 +94,6 @@ class Reader:
         self.settle()
 
     def settle(self) -> None:
-        """Wait until what an event has begun is painted."""
         self.page.evaluate("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
 
     def traces(self, chart: str) -> list[dict[str, object]]:
@@ -419,9 +415,8 @@ def test_a_table_is_copied_as_markdown(reader: Reader, report: Path) -> None:
     assert heading.startswith("| Teacher | Seeds |")
     assert set(rule) == set("| -")
     assert {row.count(" | ") for row in (heading, *rows)} == {10}
-    assert (
-        len(rows) == reader.page.locator("section[data-comparison] table").first.locator("tbody tr").count()
-    )
+    table = reader.page.locator("section[data-comparison] table").first
+    assert len(rows) == table.locator("tbody tr").count()
 
 
 @pytest.mark.slow

@@ -30,9 +30,8 @@ def test_all_pairs_agree_with_scipy_and_are_adjusted_together() -> None:
     expected = [stats.ttest_ind(VALUES[a], VALUES[b], equal_var=False).pvalue for a, b in pairs]
     np.testing.assert_allclose(tests["p"], expected)
     np.testing.assert_allclose(tests["holm"], holm(expected))
-    assert tests["difference"].tolist() == pytest.approx(
-        [np.mean(VALUES[a]) - np.mean(VALUES[b]) for a, b in pairs]
-    )
+    differences = [np.mean(VALUES[a]) - np.mean(VALUES[b]) for a, b in pairs]
+    assert tests["difference"].tolist() == pytest.approx(differences)
     wanted = [detectable_difference(describe(VALUES[a]), describe(VALUES[b])) for a, b in pairs]
     np.testing.assert_allclose(tests["detectable"], wanted)
 
@@ -75,11 +74,8 @@ def test_levels_of_a_teacher_that_share_their_runs_are_not_tested() -> None:
     within = [*(column for column in COMPARED if column != "expert_knowledge"), "teacher"]
     tests = pairwise(pool(*runs), "mastered_percent", within=within, between="expert_knowledge")
     reasons = {frozenset(pair): reason for *pair, reason in tests[["first", "second", "reason"]].to_numpy()}
-    assert reasons == {
-        frozenset({"none", "low"}): "same runs",
-        frozenset({"none", "high"}): "",
-        frozenset({"low", "high"}): "",
-    }
+    assert reasons.pop(frozenset({"none", "low"})) == "same runs"
+    assert reasons == dict.fromkeys((frozenset({"none", "high"}), frozenset({"low", "high"})), "")
     untested = tests[tests["reason"] != ""]
     assert untested[["p", "holm", "detectable"]].isna().all(axis=None)
     against_none = pairwise(pool(*runs), "mastered_percent", "none", within, "expert_knowledge")

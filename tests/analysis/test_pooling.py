@@ -41,11 +41,8 @@ def test_parkour_pools_its_three_bodies_over_experiments_and_test_sets() -> None
     assert row["mastered_percent_std"] == pytest.approx(np.std(values, ddof=1))
     assert row["test_sets"] == "parkour_climbing + parkour_swimming + parkour_walking"
     table = pooled(runs, by=["embodiment"]).set_index("embodiment")
-    assert table["mastered_percent_mean"].to_dict() == {
-        "classic_bipedal": 40,
-        "climbing_chimpanzee": 0.5,
-        "fish": 30,
-    }
+    means = {"classic_bipedal": 40, "climbing_chimpanzee": 0.5, "fish": 30}
+    assert table["mastered_percent_mean"].to_dict() == means
     assert set(table["missing"]) == {""}
 
 
@@ -100,12 +97,8 @@ def test_what_a_body_of_a_pool_lacks_is_named_there_alone() -> None:
 @pytest.mark.parametrize(
     ("column", "other"),
     [
-        ("steps", 2000.0),
-        ("test_set", "mine"),
-        ("physics_version", 2.0),
-        ("mastery_threshold", 100.0),
-        ("expert_knowledge", "high"),
-        ("challenge", "mostly_trivial"),
+        *(("steps", 2000.0), ("physics_version", 2.0), ("mastery_threshold", 100.0)),
+        *(("test_set", "mine"), ("expert_knowledge", "high"), ("challenge", "mostly_trivial")),
     ],
 )
 def test_what_must_not_be_pooled_is_not(column: str, other: object) -> None:
@@ -139,20 +132,10 @@ def test_waiting_runs_belong_where_the_others_are() -> None:
 
 
 def test_random_is_lent_to_levels_at_which_it_was_not_run() -> None:
-    runs = pool(
-        cell("random", 0, 1, expert_knowledge="none"),
-        cell("random", 1, 2, expert_knowledge="low"),
-        cell("adr", 0, 3, expert_knowledge="high"),
-        cell("adr", 0, 3, expert_knowledge="low"),
-    )
+    own = {("none", "random"): 1, ("low", "random"): 2, ("high", "adr"): 3, ("low", "adr"): 3}
+    runs = pool(*(cell(name, 0, value, expert_knowledge=level) for (level, name), value in own.items()))
     lent = pooled(reuse_random(runs)).set_index(["expert_knowledge", "teacher"])["mastered_percent_mean"]
-    assert lent.to_dict() == {
-        ("none", "random"): 1,
-        ("low", "random"): 2,
-        ("low", "adr"): 3,
-        ("high", "adr"): 3,
-        ("high", "random"): 1,
-    }
+    assert lent.to_dict() == own | {("high", "random"): 1}
 
 
 def test_without_random_nothing_is_lent() -> None:
@@ -181,10 +164,8 @@ def test_from_a_root_to_results_and_learning_curves(campaign: SyntheticCampaign)
     curves = curves.set_index("step")
     assert curves["n"].to_dict() == {500: 3, 1000: 2}
     assert curves.loc[500, "mastered_percent_mean"] == pytest.approx(100 / 3)
-    assert curves["missing"].to_dict() == {
-        500: "not counted: 1 waiting",
-        1000: "not counted: 1 running, 1 waiting",
-    }
+    missing = {500: "not counted: 1 waiting", 1000: "not counted: 1 running, 1 waiting"}
+    assert curves["missing"].to_dict() == missing
     early = only(pool_runs(frames.cells, run_measures(frames, at=500)))
     assert (early["n"], early["mastered_percent_mean"]) == (3, pytest.approx(100 / 3))
 

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
-from synthetic_pools import cell, pool
+from synthetic_pools import cells, pool
 from views import printed
 
 from analysis.baselines import find_baseline
@@ -60,10 +60,8 @@ def test_without_a_difference_power_is_how_often_welch_errs(significance: float)
 @pytest.mark.parametrize(
     ("first", "second"),
     [
-        (seeds(3), seeds(3)),
-        (seeds(32, 6.6), seeds(32, 10.5)),
-        (seeds(16, 28.5), seeds(16, 0.0)),
-        (seeds(8, 20.0), seeds(48, 5.0)),
+        *((seeds(3), seeds(3)), (seeds(32, 6.6), seeds(32, 10.5))),
+        *((seeds(16, 28.5), seeds(16, 0.0)), (seeds(8, 20.0), seeds(48, 5.0))),
     ],
 )
 def test_power_by_simulation(first: Description, second: Description) -> None:
@@ -93,10 +91,8 @@ def test_every_pair_has_a_smallest_difference(first: tuple[int, float], second: 
 @pytest.mark.parametrize(
     ("first", "second"),
     [
-        (seeds(1), seeds(32)),
-        (seeds(32), seeds(0)),
-        (seeds(32, math.nan), seeds(32)),
-        (seeds(32, 0.0), seeds(32, 0.0)),
+        *((seeds(1), seeds(32)), (seeds(32), seeds(0))),
+        *((seeds(32, math.nan), seeds(32)), (seeds(32, 0.0), seeds(32, 0.0))),
     ],
 )
 def test_where_nothing_can_be_tested_nothing_can_be_shown(first: Description, second: Description) -> None:
@@ -119,10 +115,8 @@ def test_seeds_needed_are_those_that_the_power_asks_for() -> None:
     paired = Comparison(few, few, 6.0, t=6.0 / (spread / math.sqrt(few)), degrees_of_freedom=few - 1)
     needed = seeds_needed(paired, few)
     assert needed is not None
-    less, enough = (
-        detectable_in_pairs(n, stats.t.ppf(0.975, n - 1) * spread / math.sqrt(n))
-        for n in (needed - 1, needed)
-    )
+    margins = {n: stats.t.ppf(0.975, n - 1) * spread / math.sqrt(n) for n in (needed - 1, needed)}
+    less, enough = (detectable_in_pairs(n, margin) for n, margin in margins.items())
     assert enough <= 6.0 < less
 
 
@@ -150,9 +144,8 @@ def rows(
 def test_a_difference_is_found_with_80_percent_power() -> None:
     """Against the noncentral t distribution of two groups of equal size and spread."""
     (found,) = detectable_differences(rows("mostly_unfeasible", 32, "random", "riac"), STEPS).itertuples()
-    spread = [
-        r.std for r in paper_results() if r.challenge == found.challenge and r.expert_knowledge == "none"
-    ]
+    there = [r for r in paper_results() if r.challenge == found.challenge]
+    spread = [r.std for r in there if r.expert_knowledge == "none"]
     assert found.seeds == 32
     assert found.steadiest < found.typical < found.most_varied
     critical = stats.t.isf(0.025, 62)
@@ -170,9 +163,8 @@ def test_doubtful_entries_and_parts_of_a_pool_are_left_out() -> None:
 
 
 def test_what_is_not_known_is_a_dash() -> None:
-    table = detectable_differences(
-        [*rows("easy", 5, "random"), *rows("rugged_difficulty", 1, "random")], STEPS
-    )
+    both = [*rows("easy", 5, "random"), *rows("rugged_difficulty", 1, "random")]
+    table = detectable_differences(both, STEPS)
     assert table["typical"].isna().all()
     assert detectable_differences([], STEPS).empty
     shown = printed(show_detectable_differences, rows("rugged_difficulty", 1, "random"), STEPS, width=120)
@@ -207,14 +199,8 @@ def test_a_lite_budget_has_the_spread_of_lite_runs(release: str, student: str) -
 def test_a_plan_says_the_runs_and_hours_that_would_find_the_difference_seen() -> None:
     """Two challenges, three runs each, of which one side or the other takes two hours."""
     values = {"random": [10.0, 20.0, 30.0], "adr": [14.0, 24.0, 34.0], "spdl": [70.0, 80.0, 90.0]}
-    runs = pool(
-        *(
-            cell(teacher, seed, value, challenge=challenge, experiment=challenge)
-            for teacher, results in values.items()
-            for challenge in ("original", "mostly_trivial")
-            for seed, value in enumerate(results)
-        )
-    )
+    places = ({"challenge": name, "experiment": name} for name in ("original", "mostly_trivial"))
+    runs = pool(*(row for place in places for row in cells(values, **place)))
     hours = pd.Series(2.0, index=runs["run_id"].unique())
     (text,) = plans_against_random(runs, ["adr", "spdl"], hours, PAPERS)  # of spdl nothing is open
     assert text.startswith("If the true difference between ADR and Random is the 4.0 points seen here, a new")

@@ -28,14 +28,15 @@ CHALLENGES = [matrix.challenge for matrix in STUMP_TRACKS_CHALLENGES]
 COLUMNS = ["challenge", "teacher", "mastered_percent_mean", "mastered_percent_std", "n"]
 
 
-def results(rows: list[tuple[str, str, float, float, int]], level: str = "low") -> pd.DataFrame:
+Rows = list[tuple[str, str, float, float, int]]
+
+
+def results(rows: Rows, level: str = "low") -> pd.DataFrame:
     table = pd.DataFrame(rows, columns=COLUMNS)
     return table.assign(environment="stump_tracks", expert_knowledge=level)
 
 
-def everywhere(
-    teacher: str, mean: float, std: float = 1.0, n: int = 8
-) -> list[tuple[str, str, float, float, int]]:
+def everywhere(teacher: str, mean: float, std: float = 1.0, n: int = 8) -> Rows:
     return [(challenge, teacher, mean, std, n) for challenge in CHALLENGES]
 
 
@@ -44,7 +45,6 @@ def drawn(table: pd.DataFrame) -> Figure:
 
 
 def lines_of(figure: Figure, panel: int = 0) -> dict[str, list[float]]:
-    """Return the values on the axes by teacher."""
     lines = [line for line in figure.axes[panel].lines if not str(line.get_label()).startswith("_")]
     return {str(line.get_label()): list(np.asarray(line.get_ydata(), float)[:-1]) for line in lines}
 
@@ -58,12 +58,9 @@ def notes_of(figure: Figure) -> str:
 
 
 def uppers_of(figure: Figure, panel: int = 0) -> list[tuple[float, float]]:
-    """Return axis and height of each upper baseline."""
-    marks = [line for line in figure.axes[panel].lines if line.get_gid() == "upper"]
+    marks = [line.get_xydata() for line in figure.axes[panel].lines if line.get_gid() == "upper"]
     return [
-        (round(angle / (2 * math.pi) * len(CHALLENGES)), height)
-        for line in marks
-        for angle, height in zip(line.get_xdata(), line.get_ydata(), strict=True)
+        (round(angle / (2 * math.pi) * len(CHALLENGES)), height) for line in marks for angle, height in line
     ]
 
 
@@ -125,10 +122,8 @@ def test_over_a_random_of_0_results_lie_beyond_the_rings_with_their_stars() -> N
     assert rim < lines["riac"][1] < lines["adr"][1]
     assert lines["adr"][:1] == [2]
     assert lines["spdl"][1] == lines["random"][1] == 1
-    assert (
-        "mostly trivial: Random is at 0, and who is over 0 beyond the rings, best ADR with 60.0"
-        in notes_of(figure)
-    )
+    note = "mostly trivial: Random is at 0, and who is over 0 beyond the rings, best ADR with 60.0"
+    assert note in notes_of(figure)
     colours = [to_hex(star.get_color()) for star in stars_of(figure)]
     assert (colours.count(teacher_style("adr").colour), colours.count(teacher_style("riac").colour)) == (5, 1)
 

@@ -71,11 +71,8 @@ def test_who_masters_nothing_never_gets_there(campaign: SyntheticCampaign) -> No
 def test_other_shares_have_columns_of_their_own(campaign: SyntheticCampaign) -> None:
     campaign.plain_run("random", 0, {0: mastering(1), 500: mastering(3), 1000: mastering(4)})
     rows = run_measures(load(campaign.root), shares=(0.25, 0.75, 1.0))
-    assert rows.filter(like="steps_to_").iloc[0].to_dict() == {
-        "steps_to_25_percent": 0,
-        "steps_to_75_percent": 500,
-        "steps_to_100_percent": 1000,
-    }
+    steps = {"steps_to_25_percent": 0, "steps_to_75_percent": 500, "steps_to_100_percent": 1000}
+    assert rows.filter(like="steps_to_").iloc[0].to_dict() == steps
 
 
 def test_why_a_run_has_no_measures(campaign: SyntheticCampaign) -> None:
@@ -141,15 +138,8 @@ def test_evaluations_at_any_step_are_the_last_before_it(campaign: SyntheticCampa
     short = campaign.plain_run("random", 3, {0: mastering(3), 400: mastering(4)}, steps=400)
     frames = load(campaign.root)
     rows = evaluations_at(frames, [250, 500, 750, 1000]).set_index(["step", "run_id"])
-    assert rows["mastered_percent"].to_dict() == {
-        (250, done): 0,
-        (250, running): 10,
-        (250, short): 30,
-        (500, done): 50,
-        (500, running): 20,
-        (750, done): 50,
-        (1000, done): 70,
-    }
+    expected = {(250, done): 0, (250, running): 10, (250, short): 30, (500, done): 50, (500, running): 20}
+    assert rows["mastered_percent"].to_dict() == expected | {(750, done): 50, (1000, done): 70}
     assert rows.loc[(750, done), "evaluated_at"] == 500
 
 

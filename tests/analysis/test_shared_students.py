@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from scipy import stats
-from synthetic_pools import cell, pool
+from synthetic_pools import cell, cells, pool
 
 from analysis.comparisons.aggregates import improvements, interquartile_means, profiles, stratified_means
 from analysis.comparisons.pairwise import over_challenges, pairwise
@@ -31,14 +31,13 @@ PACES = [30.0, 19.0, 11.0, 5.0, 2.0]
 def results(values: Mapping[str, Sequence[float]]) -> pd.DataFrame:
     """Return pooled runs: a teacher's values of seeds 0, 1, …, the same on each challenge but for noise."""
     rng = np.random.default_rng(1)
-    return pool(
-        *(
-            cell(teacher, seed, value + round(float(rng.normal()), 3), challenge=place, engine=SIMULATED)
-            for teacher, numbers in values.items()
-            for place in PLACES
-            for seed, value in enumerate(numbers)
-        )
+    rows = (
+        cell(teacher, seed, value + round(float(rng.normal()), 3), challenge=place, engine=SIMULATED)
+        for teacher, numbers in values.items()
+        for place in PLACES
+        for seed, value in enumerate(numbers)
     )
+    return pool(*rows)
 
 
 def of(runs: pd.DataFrame, teacher: str, place: str) -> pd.Series:
@@ -52,10 +51,8 @@ def runs() -> pd.DataFrame:
 
 
 def test_pairs_of_a_challenge_agree_with_scipy(runs: pd.DataFrame) -> None:
-    table, apart = (
-        pairwise(each, "mastered_percent", "random").set_index("challenge")
-        for each in (runs, runs.assign(engine=CHIPMUNK))
-    )
+    both = (runs, runs.assign(engine=CHIPMUNK))
+    table, apart = (pairwise(each, "mastered_percent", "random").set_index("challenge") for each in both)
     for place in PLACES:
         theirs = stats.ttest_rel(of(runs, "adr", place), of(runs, "random", place))
         row = table.loc[place]
@@ -86,10 +83,8 @@ def test_over_challenges_a_seed_counts_once(runs: pd.DataFrame) -> None:
 
 def test_a_teacher_is_ranked_on_the_seeds_that_others_have_too() -> None:
     best = [pace + 20 for pace in PACES]
-    found = {
-        each.teacher: each
-        for each in ranks(results({"random": PACES, "adr": best, "riac": [best[0] - 8, best[1] - 8]}))
-    }
+    runs = results({"random": PACES, "adr": best, "riac": [best[0] - 8, best[1] - 8]})
+    found = {each.teacher: each for each in ranks(runs)}
     # By plain means RIAC would lead: its two seeds have quick students on average.
     assert found["riac"].mean > found["adr"].mean
     assert (found["adr"].rank, found["riac"].rank, found["random"].rank) == (1, 2, 3)
@@ -166,8 +161,5 @@ def test_pairs_needed_as_published(effect: float, published: float) -> None:
 
 
 def test_a_variant_of_simulated_students_is_said_once() -> None:
-    cells = [
-        cell("random", seed, 1.0, engine=SIMULATED, embodiment="simulated", student="simulated")
-        for seed in (0, 1)
-    ]
-    assert set(pool(*cells)["variant"]) == {"simulated students"}
+    simulated = {"engine": SIMULATED, "embodiment": "simulated", "student": "simulated"}
+    assert set(pool(*cells({"random": [1.0, 1.0]}, **simulated))["variant"]) == {"simulated students"}

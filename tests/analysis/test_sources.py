@@ -8,26 +8,32 @@ from typing import Any
 
 import pandas as pd
 import pytest
-from synthetic_results import SyntheticCampaign
+from synthetic_results import BOX2D_RUN, SyntheticCampaign
 from views import Told
 
-from analysis.baselines import BaselineError, release
+from analysis.baselines import Baseline, BaselineError, release
+from analysis.baselines import release as pack
 from analysis.baselines.catalogue import read
 from analysis.comparisons.comparison import Measurements
 from analysis.comparisons.sentences import ranking
-from analysis.comparisons.sources import baseline_results, comparable_runs, head_to_head, result_set
+from analysis.comparisons.sources import (
+    baseline_results,
+    comparable_runs,
+    head_to_head,
+    reference_only,
+    result_set,
+)
 from analysis.data.loading import load
 from analysis.tables.paper_tables import table_results
+from tma_ray.runs import RunSpec
 
 STEPS = 1000
 
 
-def write(
-    root: Path, teacher: str, level: str, counts: list[int], experiment: str, **changes: object
-) -> None:
+def write(root: Path, teacher: str, level: str, counts: list[int], experiment: str, **other: object) -> None:
     """Write finished runs that master so many of ten test tasks, one seed each."""
     campaign = SyntheticCampaign(root, steps=STEPS, experiment=experiment, campaign=experiment)
-    campaign.seeds(teacher, counts, level=level, **changes)
+    campaign.seeds(teacher, counts, level=level, **other)
 
 
 @pytest.fixture(scope="module")
@@ -50,10 +56,8 @@ def test_random_serves_across_roots_and_levels(roots: tuple[Path, Path]) -> None
     mine, theirs = result_set(load(roots[0]), "mine"), baseline_results(str(roots[1]))
     runs = comparable_runs(mine, [theirs])
     assert set(runs["expert_knowledge"]) == {"low"}
-    assert set(zip(runs["source"], runs["teacher"], strict=True)) == {
-        ("mine", "frontier"),
-        ("theirs", "random"),
-    }
+    pairs = {("mine", "frontier"), ("theirs", "random")}
+    assert set(zip(runs["source"], runs["teacher"], strict=True)) == pairs
     (duel,) = head_to_head(runs, ["frontier"]).to_dict("records")
     assert (duel["second"], duel["difference"], duel["reason"]) == ("random", 50, "")
 
@@ -96,13 +100,10 @@ def test_joined_roots_are_the_same_as_one_root(tmp_path: Path) -> None:
     assert len(frames.episode_returns(run_ids)) == len(whole.episode_returns(run_ids))
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        "ranking",
-        *(pytest.param(name, marks=pytest.mark.slow) for name in ("claims", "tables", "report", "figures")),
-    ],
-)
+SLOWER = [pytest.param(name, marks=pytest.mark.slow) for name in ("claims", "tables", "report", "figures")]
+
+
+@pytest.mark.parametrize("command", ["ranking", *SLOWER])
 def test_every_command_takes_several_roots_and_baselines(
     command: str, roots: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told: Told
 ) -> None:
@@ -129,3 +130,39 @@ def test_a_misspelt_name_gets_the_nearest_one(
     said = told(2, *command.format("paper-2020").split())
     assert "'paper-2020' is not a results root, nor the name of a baseline: did you mean 'paper-2021'" in said
     assert not any(tmp_path.iterdir())
+
+
+@pytest.fixture
+def box2d(tmp_path: Path) -> Path:
+    campaign = SyntheticCampaign(tmp_path / "box2d", steps=1000)
+    for teacher, counts in (("random", [1, 1, 2]), ("riac", [4, 4, 5])):
+        campaign.seeds(teacher, counts, **BOX2D_RUN)
+    return campaign.root
+
+
+@pytest.mark.slow
+def test_as_a_baseline_they_stand_beside_ours(box2d: Path, campaign: SyntheticCampaign) -> None:
+    for teacher, counts in (("random", [2, 2, 3]), ("riac", [3, 3, 4])):
+        campaign.seeds(teacher, counts)
+    mine, theirs = result_set(load(campaign.root), "ours"), baseline_results(str(box2d))
+    assert (mine.engine, theirs.engine) == ("Chipmunk, physics version 1", "Box2D")
+    runs = comparable_runs(mine, [theirs])
+    assert set(runs["source"]) == {"ours"}
+    assert set(head_to_head(runs, ["riac"])["second"]) == {"random"}
+    shown = reference_only(mine, theirs)
+    assert shown["teacher"].tolist() == ["random", "riac"]
+    assert all("engine: Box2D" in text for text in shown["differs"])
+
+
+@pytest.mark.slow
+def test_a_release_of_them_says_whose_worlds_they_are(box2d: Path, tmp_path: Path) -> None:
+    baseline = Baseline.open(pack(box2d, "theirs", tmp_path, "CC0-1.0"))
+    assert (baseline.manifest.engine, baseline.manifest.physics_versions) == ("Box2D", ())
+    assert "in worlds of Box2D" in (tmp_path / "theirs" / "README.md").read_text()
+
+
+@pytest.mark.slow
+def test_a_run_of_another_engine_cannot_be_run_again(box2d: Path) -> None:
+    spec = json.loads(load(box2d).cells["spec"].iloc[0])
+    with pytest.raises(ValueError, match="Box2D simulated its worlds"):
+        RunSpec.from_dict(spec)

@@ -66,10 +66,8 @@ def test_welch_agrees_with_scipy() -> None:
         assert ours == welch_from_statistics(describe(first), describe(second))
         theirs = stats.ttest_ind(first, second, equal_var=False)
         interval = theirs.confidence_interval(0.95)
-        np.testing.assert_allclose(
-            [ours.t, ours.degrees_of_freedom, ours.p, ours.low, ours.high],
-            [theirs.statistic, theirs.df, theirs.pvalue, interval.low, interval.high],
-        )
+        expected = [theirs.statistic, theirs.df, theirs.pvalue, interval.low, interval.high]
+        np.testing.assert_allclose([ours.t, ours.degrees_of_freedom, ours.p, ours.low, ours.high], expected)
 
 
 @pytest.mark.parametrize(
@@ -92,36 +90,28 @@ def test_welch_of_means_is_scipys(first: tuple[int, float, float], second: tuple
 def test_a_mean_published_without_its_spread_is_not_tested() -> None:
     result = welch_from_statistics(Description(16, 1.0, math.nan), Description(16, 2.0, 1.0))
     assert (result.reason, result.difference) == ("no standard deviation", -1.0)
-    assert (
-        welch_from_statistics(Description(1, 1.0, 0.0), Description(16, 2.0, 1.0)).reason == "needs 2 seeds"
-    )
+    assert welch_from_statistics(Description(1, 1.0, 0.0), Description(9, 2.0, 1.0)).reason == "needs 2 seeds"
 
 
 def test_a_sample_without_spread_is_tested_by_permutation() -> None:
     # Random masters nothing with any seed.
     values = [1.0, 2.0, 4.0, 5.0]
     result = welch(sample(values, "a"), sample([0.0] * 4, "b"))
-    found = stats.permutation_test(
-        (values, [0.0] * 4), lambda x, y, axis: x.mean(axis) - y.mean(axis), vectorized=True
-    )
+    gap = lambda x, y, axis: x.mean(axis) - y.mean(axis)  # noqa: E731
+    found = stats.permutation_test((values, [0.0] * 4), gap, vectorized=True)
     assert result.p == pytest.approx(found.pvalue)
     assert (result.method, result.significant) == (Method.PERMUTATION, True)
     margin = stats.t.ppf(0.975, 3) * np.std(values, ddof=1) / 2
     assert (result.low, result.high) == pytest.approx((3 - margin, 3 + margin))
-    few = welch(
-        sample([60.0, 61.0, 62.0], "a"), sample([0.0] * 3, "b")
-    )  # finds nothing: the interval holds 0
+    few = welch(sample([60.0, 61.0, 62.0], "a"), sample([0.0] * 3, "b"))  # nothing: the interval holds 0
     assert (few.p, few.low) == (pytest.approx(2 / 20), 0.0)
     assert few.high > 61
 
 
 def test_samples_without_any_spread_have_a_p_and_no_interval() -> None:
     first, second = sample([50.0] * 5, "a"), sample([0.0] * 5, "b")
-    for result in (
-        welch(first, second),
-        welch_from_statistics(describe(first), describe(second)),
-        stratified([(first, second)], [1.0]),
-    ):
+    published = welch_from_statistics(describe(first), describe(second))
+    for result in (welch(first, second), published, stratified([(first, second)], [1.0])):
         assert result.p == pytest.approx(2 / math.comb(10, 5))
         assert (result.reason, result.significant) == ("", True)
         assert np.isnan([result.low, result.high]).all()
@@ -132,9 +122,8 @@ def test_rounding_errors_are_no_spread(scale: float) -> None:
     """Even the mean of three equal values can differ from each of them in the last bit."""
     assert np.full(3, 0.1).std(ddof=1) > 0
     rounded = scale * np.array([1 - 1e-15, 1.0, 1 + 1e-15])
-    low, high, same = (
-        sample(list(value * rounded), prefix) for prefix, value in (("a", 0.1), ("b", 0.7), ("c", 0.1))
-    )
+    values = {"a": 0.1, "b": 0.7, "c": 0.1}
+    low, high, same = (sample(list(value * rounded), prefix) for prefix, value in values.items())
     assert describe(low).std == 0
     assert least_variance(map(describe, [low, high])) == 0
     for result in (welch(low, high), stratified([(low, high)], [1.0])):
@@ -203,9 +192,8 @@ def test_pairs_agree_with_scipy_and_flip_signs_without_spread() -> None:
     first, second = (pd.Series(seeds + rng.normal(mean, 1, 8)) for mean in (1.0, 0.0))
     ours, theirs = paired(first, second), stats.ttest_rel(first, second)
     interval = theirs.confidence_interval()
-    np.testing.assert_allclose(
-        [ours.t, ours.p, ours.low, ours.high], [theirs.statistic, theirs.pvalue, interval.low, interval.high]
-    )
+    expected = [theirs.statistic, theirs.pvalue, interval.low, interval.high]
+    np.testing.assert_allclose([ours.t, ours.p, ours.low, ours.high], expected)
     equal = paired(pd.Series([2.0, 3.0, 4.0, 5.0]), pd.Series([1.0, 2.0, 3.0, 4.0]))
     assert (equal.method, equal.p) == (Method.SIGN_FLIP, pytest.approx(2 / 2**4))
     assert math.isnan(equal.low)

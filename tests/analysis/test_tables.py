@@ -28,25 +28,16 @@ from analysis.tables.paper_tables import (
 from analysis.tables.table import DASH, ResultTable, TableCell, TableFormat, render, with_best
 from tma_ray.benchmark import TEACHER_GRIDS, paper_results
 
-CHALLENGES = {
-    "mostly_unfeasible": "alp_gmm",
-    "mostly_trivial": "alp_gmm",
-    "forgetting_student": "alp_gmm",
-    "rugged_difficulty": "alp_gmm",
-    "diverse_students": "covar_gmm",
-}
+SINGLE = ("mostly_unfeasible", "mostly_trivial", "forgetting_student", "rugged_difficulty")
+CHALLENGES = {**dict.fromkeys(SINGLE, "alp_gmm"), "diverse_students": "covar_gmm"}
 
 BEST = {
     "original_space": {"none": "alp_gmm", "low": "alp_gmm", "high": "goal_gan"},
     "challenges_none": CHALLENGES,
     "challenges_low": CHALLENGES,
     "challenges_high": CHALLENGES | {"mostly_trivial": "goal_gan"},
-    "parkour": {
-        "classic_bipedal": "alp_gmm",
-        "fish": "riac",
-        "climbing_chimpanzee": "spdl",
-        "overall": "alp_gmm",
-    },
+    "parkour": {"classic_bipedal": "alp_gmm", "fish": "riac", "climbing_chimpanzee": "spdl"}
+    | {"overall": "alp_gmm"},
 }
 """What the paper prints in bold."""
 
@@ -133,10 +124,8 @@ def test_best_is_what_reads_highest_and_needs_something_lower() -> None:
     def best_of(*means: float) -> list[bool]:
         rows = {str(place): str(place) for place in range(len(means))}
         cells = {(row, "x"): TableCell(1, mean) for row, mean in zip(rows, means, strict=True)}
-        return [
-            cell.best
-            for cell in with_best(ResultTable("t", "T", "T", rows, {"x": "X"}, cells)).column_cells("x")
-        ]
+        table = with_best(ResultTable("t", "T", "T", rows, {"x": "X"}, cells))
+        return [cell.best for cell in table.column_cells("x")]
 
     assert best_of(1.0, 2.04, 1.96) == [False, True, True]
     assert best_of(5.0) == [False]
@@ -146,10 +135,8 @@ def test_best_is_what_reads_highest_and_needs_something_lower() -> None:
 
 def test_pooled_results_whole_and_by_body_make_a_table() -> None:
     bodies = {"classic_bipedal": [20.0, 30.0], "fish": [0.0, 10.0], "climbing_chimpanzee": [5.0, 5.0]}
-    runs = pool(
-        *parkour("alp_gmm", bodies),
-        *parkour("random", {body: [v / 2 for v in bodies[body]] for body in bodies}),
-    )
+    halves = {body: [value / 2 for value in values] for body, values in bodies.items()}
+    runs = pool(*parkour("alp_gmm", bodies), *parkour("random", halves))
     rows = [results_of(each) for each in (pooled(runs), pooled(runs, by=["embodiment"]))]
     (table,) = result_tables(TableResults(pd.concat(rows, ignore_index=True)))
     assert table.name == "parkour"
@@ -238,9 +225,8 @@ def test_an_empty_root_says_so(tmp_path: Path) -> None:
 def test_each_table_is_a_file(tmp_path: Path, kind: TableFormat) -> None:
     written = write_tables("paper-2021", kind=kind.value, output=tmp_path / "tables")
     assert {path.stem for path in written.files} == {*BEST, "hyperparameters", "expert_knowledge"}
-    assert "".join(path.read_text(encoding="utf-8") for path in written.files).replace("\n", "") == (
-        written.text.replace("\n", "")
-    )
+    text = "".join(path.read_text(encoding="utf-8") for path in written.files)
+    assert text.replace("\n", "") == written.text.replace("\n", "")
 
 
 @pytest.mark.parametrize(("root", "step"), [("paper-2021", 5), ("paper-2021", 0), ("nowhere-at-all", None)])

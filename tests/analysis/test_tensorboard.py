@@ -36,12 +36,9 @@ def events_of(file: Path, whole: bool) -> list[Event]:
         if not whole and len(content) < 16 + int.from_bytes(content[:8], "little"):
             break
         (length,) = struct.unpack("<Q", content[:8])
-        checksums = (
-            struct.unpack("<I", content[8:12]),
-            struct.unpack("<I", content[12 + length : 16 + length]),
-        )
-        data = content[12 : 12 + length]
-        assert checksums == ((masked_crc32c(content[:8]),), (masked_crc32c(data),))
+        data, (checksum,) = content[12 : 12 + length], struct.unpack("<I", content[12 + length : 16 + length])
+        assert struct.unpack("<I", content[8:12]) == (masked_crc32c(content[:8]),)
+        assert checksum == masked_crc32c(data)
         found.append(Event.FromString(data))
         content = content[16 + length :]
     return found
@@ -104,7 +101,6 @@ class Growing:
         return parts
 
     def grow(self, *steps: int) -> Sequence[Any]:
-        """Add rows of these steps and publish them."""
         for step in steps:
             self.add(step)
         return self.publish()
@@ -114,15 +110,11 @@ class Growing:
 
 
 def expected(steps: Sequence[int]) -> Series:
-    return {
-        "training/mean_return": [(step, step / 10) for step in steps],
-        "training/mean_length": [(step, 7.5) for step in steps],
-        "training/success_share": [(step, 0.25) for step in steps],
-        "evaluation/mean_return": [(step, 182.75) for step in steps],
-        "evaluation/mastered_percent": [(step, 50.0) for step in steps],
-        "teacher/loss": [(step, step / 4) for step in steps],
-        "teacher/bits": [(step, 2.0) for step in steps],
-    }
+    constant = {"training/mean_length": 7.5, "training/success_share": 0.25, "teacher/bits": 2.0}
+    constant |= {"evaluation/mean_return": 182.75, "evaluation/mastered_percent": 50.0}
+    found = {name: [(step, value) for step in steps] for name, value in constant.items()}
+    found["training/mean_return"] = [(step, step / 10) for step in steps]
+    return found | {"teacher/loss": [(step, step / 4) for step in steps]}
 
 
 NAME = "original/alp_gmm/sac-original-classic_bipedal-low/seed_0-original-alp_gmm-low-0"
@@ -138,10 +130,8 @@ def test_runs_have_scalars_by_their_own_threshold(campaign: SyntheticCampaign, t
     found = export(campaign.root, tmp_path / "events")
     assert found.pop(NAME) == expected([10]) | {"evaluation/mastered_percent": [(10, 75.0)]}
     ids = {name.split("seed_")[1].split("-", 1)[1]: series for name, series in found.items()}
-    assert {run: series["evaluation/mean_return"] for run, series in ids.items()} == {
-        failed: [(500, 300.0)],
-        random: [(1000, 300.0)],
-    }
+    returns = {run: series["evaluation/mean_return"] for run, series in ids.items()}
+    assert returns == {failed: [(500, 300.0)], random: [(1000, 300.0)]}
 
 
 def test_a_second_call_goes_on_and_touches_nothing_else(campaign: SyntheticCampaign, tmp_path: Path) -> None:
@@ -225,11 +215,8 @@ def test_following_an_interrupted_run_doubles_nothing(campaign: SyntheticCampaig
     assert scalars(folder) == {NAME: expected([10])}
     emptied, file = sorted((folder / NAME).iterdir())
     assert emptied.read_bytes() == b""  # but there: a TensorBoard that has it open goes on to the next
-    start = events_of(file, whole=True)[1]
-    assert (start.step, start.session_log.status) == (
-        0,
-        start.session_log.START,
-    )  # and forgets what was in it
+    start = events_of(file, whole=True)[1]  # and forgets what was in it
+    assert (start.step, start.session_log.status) == (0, start.session_log.START)
     run.grow(20, 30)
     events.update()
     run.finish()

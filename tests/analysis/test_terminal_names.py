@@ -25,7 +25,6 @@ from tma_ray.results.lease import HeartbeatWriter
 NAME = "[red]x[/x]:smile:"
 """What rich would colour, refuse and draw."""
 
-
 EVIL = "\x1b]0;title\x07\x1b[2J\x1b[31m\u202eevil\x9b2J\u2066\rover"
 """A title of the window, cleared screens, red, text from right to left, a return to the line's beginning."""
 
@@ -34,9 +33,8 @@ EVIL = "\x1b]0;title\x07\x1b[2J\x1b[31m\u202eevil\x9b2J\u2066\rover"
 def hostile(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A root, got from somebody else, whose names and errors are meant for the terminal."""
     folder = tmp_path_factory.mktemp("hostile") / "root"
-    campaign = SyntheticCampaign(
-        folder, experiment=f"x{EVIL}", error=f"Traceback {EVIL}:\n{EVIL}", host=f"h{EVIL}"
-    )
+    names = {"experiment": f"x{EVIL}", "error": f"Traceback {EVIL}:\n{EVIL}", "host": f"h{EVIL}"}
+    campaign = SyntheticCampaign(folder, **names)
     for number, teacher in enumerate(("random", f"t{EVIL}", NAME)):
         campaign.prefix = f"run-{number}-"
         campaign.seeds(teacher, [1, 1 + number % 2], 2, half=0.5)
@@ -62,22 +60,12 @@ def test_names_are_printed_as_they_are(
 @pytest.mark.parametrize(
     "command",
     [
-        "status {root} --cells",
-        "status {root} --json",
-        "logs failed --results {root}",
-        "ranking {root}",
-        "ranking {root} --json",
-        "leaderboard {root}",
-        "compare {root} --baseline {root} -o {new}",
-        "report {root} -o {new}",
-        "tables {root}",
-        "claims {root} --details",
-        "search {root}",
-        "verify {root}",
-        "rerun {root} --failed --dry-run",
+        *("status {root} --cells", "status {root} --json", "logs failed --results {root}", "ranking {root}"),
+        *("ranking {root} --json", "leaderboard {root}", "compare {root} --baseline {root} -o {new}"),
+        *("report {root} -o {new}", "tables {root}", "claims {root} --details", "search {root}"),
+        *("verify {root}", "rerun {root} --failed --dry-run", "tensorboard {root} {new}"),
         "campaign --like {root} --teachers random --dry-run",
         "release {root} mine -o {new} --partial",
-        "tensorboard {root} {new}",
     ],
 )
 def test_nothing_that_a_terminal_would_obey_is_printed(
@@ -89,10 +77,8 @@ def test_nothing_that_a_terminal_would_obey_is_printed(
     pages = [path.read_text(encoding="utf-8") for path in tmp_path.rglob("index.html")]
     assert shown.strip()
     assert "Traceback (most" not in shown
-    assert (
-        re.findall(r"[^\n\t -~\u00a0-\u061b\u061d-\u200d\u2010-\u2027\u202f-\u2065\u206a-\U0010ffff]", shown)
-        == []
-    )
+    harmless = r"\n\t -~\u00a0-\u061b\u061d-\u200d\u2010-\u2027\u202f-\u2065\u206a-\U0010ffff"
+    assert re.findall(f"[^{harmless}]", shown) == []
     for page in pages:
         assert not set(page) & set("\u202e\u2066\x9b")
 

@@ -74,9 +74,9 @@ def test_the_design_says_whom_where_and_with_which_seeds(trial: Trial) -> None:
     assert design.release == "lite-1"
     assert design.references[0] == "random"
     means = ended_runs(trial.frames).groupby(["teacher", *CELL_COLUMNS])[HEADLINE].mean()
+    candidates = ("alp_gmm", "goal_gan:preset=release", "riac")
     assert design.best == max(
-        ("alp_gmm", "goal_gan:preset=release", "riac"),
-        key=lambda teacher: sum(means[(teacher, *cell.key)] for cell in design.cells),
+        candidates, key=lambda name: sum(means[(name, *cell.key)] for cell in design.cells)
     )
     assert [cell.name for cell in design.cells] == ["original", "diverse_students/spider"]
     assert min(design.seeds) > trial.frames.cells["seed"].max()
@@ -101,12 +101,8 @@ def test_a_design_is_the_same_as_long_as_what_it_is_compared_with_is(trial: Tria
 
 
 def test_a_teacher_of_the_release_is_not_compared_with_itself(trial: Trial) -> None:
-    again = make_design(
-        trial.design.best,
-        find_baseline("lite-1"),
-        trial.frames,
-        cells=["original", "diverse_students/spider"],
-    )
+    cells = ["original", "diverse_students/spider"]
+    again = make_design(trial.design.best, find_baseline("lite-1"), trial.frames, cells=cells)
     assert again.best != trial.design.best
     assert again.candidates == trial.design.candidates - 1
 
@@ -172,11 +168,9 @@ def test_runs_that_are_not_finite_are_left_out_by_number(trial: Trial) -> None:
 
 
 def test_the_detectable_difference_falls_with_the_number_of_cells(trial: Trial) -> None:
-    found = []
-    for made in (trial.design, designed(trial.frames, "original")):
-        runs = moments_of(trial.released, "random", made.keys).runs
-        found.append(detectable(made, "random", runs))
-    assert found[0] < found[1]
+    both = (trial.design, designed(trial.frames, "original"))
+    runs = [moments_of(trial.released, "random", made.keys).runs for made in both]
+    assert detectable(both[0], "random", runs[0]) < detectable(both[1], "random", runs[1])
 
 
 def test_everything_that_is_written_has_the_numbers(trial: Trial) -> None:
@@ -206,9 +200,8 @@ def test_challenges_count_equally_and_the_bodies_of_each(whole: Trial) -> None:
 def test_a_look_is_the_test_of_the_boards(whole: Trial, measure: str, column: str) -> None:
     """Stratified with least variances; slopes are parts of the weights here."""
     design, runs = whole.design, whole.runs("riac", 3)
-    found = next(
-        f for f in whole.looks(runs)[0].comparisons if (f.measure, f.reference) == (measure, "random")
-    )
+    findings = whole.looks(runs)[0].comparisons
+    found = next(f for f in findings if (f.measure, f.reference) == (measure, "random"))
     pairs, factors, least = [], [], []
     for cell in design.cells:
         there = in_cell(whole.released, cell.key)

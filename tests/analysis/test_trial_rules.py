@@ -7,8 +7,10 @@ import pandas as pd
 import pytest
 from scipy import stats
 
+from analysis.baselines import find_baseline
 from analysis.statistics import stratified, stratum_weights
 from analysis.trials.boundaries import boundaries, crossing, median_unbiased, spent
+from analysis.trials.design import in_cell, released_runs
 from analysis.trials.rules import (
     LOOKS,
     DecisionRule,
@@ -23,7 +25,6 @@ from analysis.trials.rules import (
 
 
 def equal(cells: int, slope: float = 1.0, least: float = 0.0) -> Estimand:
-    """Return the mean over cells of equal weight."""
     return Estimand(*(np.full(cells, value) for value in (1 / cells, slope, least)))
 
 
@@ -98,9 +99,7 @@ def test_one_look_is_the_stratified_test_of_the_project() -> None:
     """Two bodies of one challenge, and another challenge; the least variance is over some samples' own."""
     rng = np.random.default_rng(2)
     new, old = rng.normal(0.5, 0.1, (3, 6)), rng.normal(0.4, 0.2, (3, 5))
-    pairs = [
-        (pd.Series(a, index=[f"a{i}" for i in range(6)]), pd.Series(b)) for a, b in zip(new, old, strict=True)
-    ]
+    pairs = [(pd.Series(a, index=list("abcdef")), pd.Series(b)) for a, b in zip(new, old, strict=True)]
     weights, least = stratum_weights(["a", "a", "b"]), [0.02, 0.0, 0.05]
     assert weights == [0.5, 0.5, 1.0]
     test = stratified(pairs, weights, least)
@@ -190,3 +189,53 @@ def test_released_teachers_are_simulated_by_their_own_residuals() -> None:
     new = 100 * varied.var() / 20 / 2  # half of the trials draw the varied teacher
     assert estimates[0].var() == pytest.approx(new, rel=0.1)
     assert estimates[1].var() == pytest.approx(new + 100 * varied.var() / 4, rel=0.1)
+
+
+PLACE = ("stump_tracks", "original", "simulated", "simulated", "high")
+
+ADASTOP = {
+    "accel": ("smaller", 10),
+    "adr": ("larger", 5),
+    "alp_gmm": ("equal", 10),
+    "covar_gmm": ("larger", 10),
+    "currot": ("larger", 5),
+    "doraemon": ("larger", 10),
+    "goal_gan": ("smaller", 5),
+    "goal_gan:preset=release": ("larger", 5),
+    "plr": ("equal", 10),
+    "ramp": ("larger", 10),
+    "riac": ("larger", 5),
+    "robust_plr": ("smaller", 10),
+    "setter_solver": ("smaller", 10),
+    "sfl": ("smaller", 10),
+    "sobol": ("equal", 10),
+    "spdl": ("smaller", 5),
+    "spdl:preset=release": ("smaller", 5),
+}
+"""Decision and runs of AdaStop 0.1.3 on mastered tasks over training, each teacher of simulated-1 against
+Random on the original challenge: MultipleAgentsComparator(n=5, K=2, B=10000, alpha=0.025, seed=0),
+runs by seed."""
+
+WORDS = {TrialVerdict.BETTER: "larger", TrialVerdict.WORSE: "smaller", TrialVerdict.OPEN: "equal"}
+"""Verdicts as AdaStop names them; its "equal" is what is not decided by the last look."""
+
+
+def test_both_decide_alike_where_both_decide() -> None:
+    runs_there = in_cell(released_runs(find_baseline("simulated-1").frames()), PLACE)
+    angles = {name: rows.to_numpy(float)[None] for name, rows in runs_there.groupby("teacher")["angle"]}
+    random = angles["random"]
+    rule = DecisionRule(
+        (5, 10), planned_fractions((5, 10), np.ones(1), np.full(1, 10.0)), margin=1e-9, error=0.025
+    )
+    estimand = Estimand(np.ones(1), np.ones(1), np.zeros(1))
+    found: dict[str, str] = {}
+    for teacher in ADASTOP:
+        runs = angles[teacher]
+        for look, seeds in enumerate(rule.looks):
+            test = difference(Moments.of(runs[:, :seeds]), Moments.of(random), estimand)
+            found[teacher] = WORDS[TrialVerdict(str(rule.verdicts(test, look)))]
+            if found[teacher] != "equal":
+                break
+    apart = {name for name, (decision, _) in ADASTOP.items() if found[name] != decision}
+    assert all("equal" in (found[name], ADASTOP[name][0]) for name in apart)
+    assert apart == {"sfl"}  # smaller for AdaStop, not decided here

@@ -58,10 +58,8 @@ def runs(folder: Path) -> dict[str, dict[str, Any]]:
                 facts = {"group": record.run.run_group, "tags": list(record.run.tags), "config": config}
                 found[run_id] |= facts | {"project": record.run.project}
             elif record.WhichOneof("record_type") == "history":
-                row = {
-                    entry.key or "/".join(entry.nested_key): json.loads(entry.value_json)
-                    for entry in record.history.item
-                }
+                items = ((item.key or "/".join(item.nested_key), item) for item in record.history.item)
+                row = {name: json.loads(item.value_json) for name, item in items}
                 for name in set(row) - {"global_step", "_step", "_runtime", "_timestamp"}:
                     found[run_id]["series"][name].append((row["global_step"], row[name]))
     return dict(found)
@@ -76,9 +74,8 @@ def send(root: Path, folder: Path, *more: str) -> dict[str, dict[str, Any]]:
 
 def published(run: dict[str, Any]) -> dict[str, Any]:
     """Return the scalars of a run that TensorBoard would show, too."""
-    return {
-        name: run["series"][name] for name in run["series"] if not name.startswith(("published/", "charts/"))
-    }
+    others = ("published/", "charts/")
+    return {name: rows for name, rows in run["series"].items() if not name.startswith(others)}
 
 
 def test_each_point_is_sent_once(campaign: SyntheticCampaign, tmp_path: Path) -> None:

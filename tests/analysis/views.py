@@ -18,7 +18,6 @@ Told = Callable[..., str]
 
 
 def plot_of(chart: Chart | None) -> Plot:
-    """Return the only plot of a chart."""
     assert chart is not None
     (plot,) = on_page(chart).plots
     return plot
@@ -39,11 +38,8 @@ def printed(show: Callable[..., object], *given: object, width: int = 200, **opt
 def unpacked(page: str) -> str:
     """Return a page with its compressed scripts unpacked."""
     script = r'(<script type="application/gzip"[^>]*>)([^<]*)</script>'
-    return re.sub(
-        script,
-        lambda found: f"{found[1]}{gzip.decompress(base64.b64decode(found[2])).decode()}</script>",
-        page,
-    )
+    plain = lambda found: gzip.decompress(base64.b64decode(found[2])).decode()  # noqa: E731
+    return re.sub(script, lambda found: f"{found[1]}{plain(found)}</script>", page)
 
 
 def addresses_in(page: str) -> set[str]:

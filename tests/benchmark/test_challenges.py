@@ -31,9 +31,7 @@ def test_every_challenge_can_be_built_and_evaluated(challenge: Challenge) -> Non
     assert challenge.easy_task is None or challenge.task_space.contains(challenge.easy_task)
 
 
-@pytest.mark.parametrize(
-    "challenge", challenges_of("stump_tracks").values(), ids=lambda challenge: challenge.name
-)
+@pytest.mark.parametrize("challenge", challenges_of("stump_tracks").values(), ids=lambda each: each.name)
 def test_stump_tracks_are_built_at_every_corner(challenge: Challenge) -> None:
     environment = make_environment("stump_tracks")
     for corner in itertools.product(*zip(challenge.task_space.low, challenge.task_space.high, strict=True)):

@@ -165,9 +165,7 @@ def test_the_papers_results_are_of_the_benchmarks_matrices() -> None:
         assert result.teacher in TEACHERS
         assert result.expert_knowledge in {level for matrix in matrices for level in matrix.levels}
         pooled = [m for m in matrices if set(m.embodiments) <= set(result.embodiments)]
-        combinations = (
-            (m, body, student) for m in pooled for body in m.embodiments for student in m.students
-        )
+        combinations = ((m, body, each) for m in pooled for body in m.embodiments for each in m.students)
         assert sum(len(matrix.seeds) for matrix, _, _ in combinations) == result.seeds
         assert set(result.students) == {student for matrix in pooled for student in matrix.students}
         assert 0 <= result.mean <= 100

@@ -73,9 +73,7 @@ def test_a_cohort_gives_the_files_of_runs_that_follow_one_another(tmp_path: Path
 def test_students_of_several_kinds_share_a_learner_wherever_their_teachers_are(tmp_path: Path) -> None:
     what = campaign(sac("riac"), corridor("misbehaving:Torchless"), sac("alp_gmm"), seeds=(0, 1))
     (tmp_path / "expected").mkdir()
-    expected = without_ray(
-        campaign(sac("riac"), sac("alp_gmm"), seeds=(0, 1)), tmp_path / "expected" / "root"
-    )
+    expected = without_ray(campaign(sac("riac"), sac("alp_gmm"), seeds=(0, 1)), tmp_path / "expected/root")
     for teachers in TeacherPlacement:
         root = tmp_path / teachers
         assert in_cohort(what, root, teachers=teachers).done == 6

@@ -47,7 +47,6 @@ def attack(kind: str, injections: int, chance: random.Random, site: Site, nodes:
 
 
 def merged(faults: list[Fault]) -> Fault:
-    """Return the sum of several faults of one kind."""
     return Fault(
         faults[0].name,
         sum(fault.injected for fault in faults),
@@ -70,13 +69,11 @@ def private_site() -> Iterator[tuple[Site, Nodes]]:
 
 
 def say(text: str) -> None:
-    """Print a text without buffering."""
     sys.stdout.write(f"{text}\n")
     sys.stdout.flush()
 
 
 def main() -> int:
-    """Inject the requested faults; return the exit code."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--injections", type=int, default=INJECTIONS, help="of each kind (default: 3)")
     parser.add_argument("--seed", type=int, default=SEED, help="of instants and victims (default: 0)")

@@ -61,7 +61,6 @@ def undisturbed() -> dict[str, bytes]:
 
 @pytest.fixture(scope="session")
 def undisturbed_short() -> dict[str, bytes]:
-    """Data files of the undisturbed short campaign."""
     return undisturbed_files("short_campaign", "SHORT")
 
 
@@ -87,11 +86,9 @@ def compare(clustered: Site, undisturbed: dict[str, bytes], check: Check) -> Com
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Print the table of faults."""
-    if not FAULTS:
-        return
-    terminalreporter.write_sep("=", "faults")
-    terminalreporter.write_line(table(FAULTS))
+    if FAULTS:
+        terminalreporter.write_sep("=", "faults")
+        terminalreporter.write_line(table(FAULTS))
 
 
 def _site(folder: Path, environment: dict[str, str], address: str) -> Site:

@@ -182,17 +182,8 @@ def _resumed(root: Path, specs: Sequence[RunSpec], expected: Mapping[str, bytes]
 
 
 def _cell(spec: RunSpec) -> dict[str, Any]:
-    names = (
-        "run_id",
-        "environment",
-        "challenge",
-        "embodiment",
-        "student",
-        "teacher",
-        "expert_knowledge",
-        "seed",
-    )
-    return {name: getattr(spec.record(), name) for name in names} | {"experiment": "small"}
+    names = ("environment", "challenge", "embodiment", "student", "teacher", "expert_knowledge", "seed")
+    return {name: getattr(spec.record(), name) for name in ("run_id", *names)} | {"experiment": "small"}
 
 
 def small_root(folder: Path) -> tuple[Path, list[RunSpec], dict[str, bytes]]:
@@ -212,7 +203,6 @@ def small_root(folder: Path) -> tuple[Path, list[RunSpec], dict[str, bytes]]:
 
 
 def main() -> int:
-    """Damage the requested number of files; return the exit code."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--files", type=int, default=500, help="to damage (default: 500)")
     parser.add_argument("--seed", type=int, default=0, help="of files and damage (default: 0)")

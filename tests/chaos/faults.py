@@ -84,7 +84,6 @@ class Site:
 
     @property
     def root(self) -> Path:
-        """Results root."""
         return self.folder / "root"
 
     def ask(self, *requests: str) -> None:
@@ -103,7 +102,6 @@ class Site:
 
     @property
     def requests(self) -> Path:
-        """Folder of requests."""
         return Path(self.environment["TMA_SABOTAGE"])
 
     def hold(self, *flags: str) -> subprocess.Popen[bytes]:
@@ -121,7 +119,6 @@ class Site:
         wait_for(lambda: len(self.newest_checkpoints()) == runs)
 
     def start(self, *flags: str) -> subprocess.Popen[bytes]:
-        """Start the campaign's driver."""
         where = ("--local",) if self.address is None else ("--address", self.address)
         root = ("--results", self.uri or str(self.root))
         command = [sys.executable, self.script, *where, *root, *FLAGS, *flags]
@@ -158,7 +155,6 @@ class Site:
             target.write_bytes(store.read_bytes(path))
 
     def outcomes(self) -> list[str]:
-        """Return the sorted outcomes of all attempts."""
         return sorted(row["outcome"] for row in rows(self.root, Table.ATTEMPTS))
 
     def taken_up(self, attempt: int) -> bool:
@@ -185,7 +181,6 @@ class Site:
 
 
 def count_rows(data: bytes) -> int:
-    """Return the number of rows of an encoded table."""
     return int(pq.ParquetFile(pa.BufferReader(data)).metadata.num_rows)
 
 
@@ -199,7 +194,6 @@ def wait_for(condition: Callable[[], object], seconds: float = 120.0) -> float:
 
 
 def kill(pid: int) -> None:
-    """Kill a process, which may have ended already."""
     try:
         os.kill(pid, signal.SIGKILL)
     except ProcessLookupError:

@@ -22,7 +22,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 HOUSE = Path(__file__).parents[2]
-
 ROOT = HOUSE / "notebooks" / "data" / "ppo-lite"
 
 COMMANDS = (
@@ -80,7 +79,6 @@ class Try:
 
 
 def tries(count: int, chance: random.Random) -> Iterator[Try]:
-    """Interrupt `count` random commands."""
     with tempfile.TemporaryDirectory() as folder:
         for number in range(count):
             words = chance.choice(COMMANDS).format(root=ROOT, new=f"{folder}/{number}")
@@ -91,18 +89,13 @@ def tries(count: int, chance: random.Random) -> Iterator[Try]:
 def interrupted(words: str, after: float, folder: Path) -> Try:
     """Interrupt the process group of a command, as a terminal does."""
     environment = {**os.environ, "PYTHONPATH": str(HOUSE)}
-    command = [sys.executable, "-m", "tma_ray.cli"]
+    command = [sys.executable, "-m", "tma_ray.cli", *words.split()]
     output = folder / "said.txt"
     # Between fork and exec, a child has the handlers of this process, which would ignore the signal.
     handler = signal.signal(signal.SIGINT, signal.SIG_DFL)
     with output.open("wb") as said:
         process = subprocess.Popen(
-            [*command, *words.split()],
-            cwd=folder,
-            env=environment,
-            stdout=said,
-            stderr=said,
-            start_new_session=True,
+            command, cwd=folder, env=environment, stdout=said, stderr=said, start_new_session=True
         )
         time.sleep(after)
         os.killpg(process.pid, signal.SIGINT)
@@ -117,7 +110,6 @@ def interrupted(words: str, after: float, folder: Path) -> Try:
 
 
 def main() -> int:
-    """Interrupt the requested number of commands; return the exit code."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--tries", type=int, default=100, help="commands to interrupt (default: 100)")
     parser.add_argument("--seed", type=int, default=0, help="of commands and instants (default: 0)")
@@ -126,9 +118,8 @@ def main() -> int:
     for each in tries(options.tries, random.Random(options.seed)):
         found[each.verdict] += 1
         if each.verdict not in AS_EXPECTED:
-            sys.stdout.write(
-                f"{each.verdict} after {each.after:.2f} s: {each.command}\n{each.said[-2000:]}\n"
-            )
+            what = f"{each.verdict} after {each.after:.2f} s: {each.command}"
+            sys.stdout.write(f"{what}\n{each.said[-2000:]}\n")
     good = sum(found[verdict] for verdict in AS_EXPECTED)
     sys.stdout.write(f"{good} of {options.tries} ended as they should: {dict(found)}\n")
     return int(good < options.tries)

@@ -141,27 +141,22 @@ def learner_disturbed(number: signal.Signals) -> Kind:
     return disturb
 
 
-def raylet_killed(scene: Scene, injections: int) -> None:
-    """Kill a raylet, whose workers go on for a moment."""
-    _nodes_disturbed(scene, injections, scene.nodes.kill_raylet)
+def node_disturbed(kill: Callable[[Nodes, int], None]) -> Kind:
+    """Return the fault that kills processes of a node: all, or the raylet, which its workers outlive."""
 
+    def disturb(scene: Scene, injections: int) -> None:
+        driver = scene.start()
+        for _ in range(injections):
+            scene.wait()
+            number = scene.busy_node()
+            attempts = scene.site.attempts()
+            kill(scene.nodes, number)
+            scene.note()
+            scene.nodes.add()
+            wait_for(lambda attempts=attempts: scene.site.attempts() - attempts, LONGEST_START)
+        scene.site.go_on(driver)
 
-def node_killed(scene: Scene, injections: int) -> None:
-    """Kill all processes of a node."""
-    _nodes_disturbed(scene, injections, scene.nodes.kill)
-
-
-def _nodes_disturbed(scene: Scene, injections: int, disturb: Callable[[int], None]) -> None:
-    driver = scene.start()
-    for _ in range(injections):
-        scene.wait()
-        number = scene.busy_node()
-        attempts = scene.site.attempts()
-        disturb(number)
-        scene.note()
-        scene.nodes.add()
-        wait_for(lambda attempts=attempts: scene.site.attempts() - attempts, LONGEST_START)
-    scene.site.go_on(driver)
+    return disturb
 
 
 def node_frozen(scene: Scene, injections: int) -> None:
@@ -289,8 +284,8 @@ KINDS: Mapping[str, Kind] = {
     "teacher_actor": actor_killed("TeacherActor"),
     "learner": learner_disturbed(signal.SIGKILL),
     "stopped_learner": learner_disturbed(signal.SIGSTOP),
-    "raylet": raylet_killed,
-    "node": node_killed,
+    "raylet": node_disturbed(Nodes.kill_raylet),
+    "node": node_disturbed(Nodes.kill),
     "frozen_node": node_frozen,
     "head": core_killed("raylet"),
     "gcs": core_killed("gcs_server"),

@@ -60,7 +60,6 @@ class Nodes:
         return int(self._ask("add", cpus))
 
     def kill(self, number: int) -> None:
-        """Kill a node and all its processes."""
         processes = self.processes(number)
         self._ask("kill", number)
         _signal(processes, signal.SIGKILL)
@@ -76,7 +75,6 @@ class Nodes:
         return processes
 
     def thaw(self, processes: set[int]) -> None:
-        """Continue stopped processes."""
         _signal(processes, signal.SIGCONT)
 
     def ended(self, processes: set[int]) -> bool:
@@ -112,7 +110,6 @@ class Nodes:
 
 
 def descendants(pid: int) -> set[int]:
-    """Return the ids of all descendants of a process, none if it has ended."""
     with suppress(psutil.NoSuchProcess):
         return {child.pid for child in psutil.Process(pid).children(recursive=True)}
     return set()

@@ -81,8 +81,6 @@ class Corridor(corridor.Corridor):
 
 @dataclass
 class Teacher(ALPGMM):
-    """ALP-GMM in which processes are killed and errors raised on request."""
-
     def observe(self, episode: Episode) -> None:
         if asked("kill-teacher"):
             die()

@@ -14,18 +14,11 @@ from tma_ray.results import Results, RunStatus
 pytestmark = pytest.mark.chaos
 
 WORKER_PLACES = (
-    "kill-in-step",
-    "kill-in-evaluation",
-    "kill-in-parts",
-    "kill-in-checkpoint",
-    "kill-before-index",
-    "kill-in-policy",
-    "kill-teacher",
+    *("kill-in-step", "kill-in-evaluation", "kill-in-parts", "kill-in-checkpoint", "kill-before-index"),
+    *("kill-in-policy", "kill-teacher"),
 )
 DRIVER_PLACES = (
-    "kill-driver-before-run-row",
-    "kill-driver-before-manifest",
-    "kill-driver-between-moves",
+    *("kill-driver-before-run-row", "kill-driver-before-manifest", "kill-driver-between-moves"),
     "kill-driver-before-attempt-row",
 )
 

@@ -11,14 +11,8 @@ from tma_ray.campaign.costs import Throughput
 from tma_ray.cli import main
 
 TINY = [
-    "--steps",
-    "300",
-    "--evaluation-interval",
-    "300",
-    "--probe-interval",
-    "100",
-    "--training-window",
-    "100",
+    *("--steps", "300", "--evaluation-interval", "300"),
+    *("--probe-interval", "100", "--training-window", "100"),
 ]
 
 MEASURED = Throughput("measured", 1e6, 1e6, 100)

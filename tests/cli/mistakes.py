@@ -16,63 +16,24 @@ LONG = "x" * 300
 """Name that is too long for a file."""
 
 NO_NUMBERS = (
-    "",
-    " ",
-    "nan",
-    "inf",
-    "-inf",
-    "-1",
-    "0x10",
-    "1e400",
-    "10kM",
-    "5Mk",
-    "k",
-    "ten",
-    "--",
-    "1/2",
-    "½",
-    "+5",
-    "5m",
-    "5G",
+    *("", " ", "nan", "inf", "-inf", "-1", "0x10", "1e400", "10kM", "5Mk", "k", "ten", "--"),
+    *("1/2", "½", "+5", "5m", "5G"),
 )
 
 TOO_MANY = ("1e30", "99999999999999999999")
 
 NO_FOLDERS = (
-    "~nosuchuser/x",
-    "{file}",
-    "{file}/below",
-    "{loop}",
-    "/dev/null",
-    "/dev/full/x",
-    "nul\0",
-    LONG,
-    "",
+    *("~nosuchuser/x", "{file}", "{file}/below", "{loop}", "/dev/null", "/dev/full/x", "nul\0", LONG, ""),
 )
 
 NO_ROOTS = (
-    *NO_FOLDERS,
-    "s3://",
-    "gs://",
-    "ftp://host/root",
-    "s3:///root",
-    "file://{file}",
-    "file:///dev/null",
-    "\n",
+    *(*NO_FOLDERS, "s3://", "gs://", "ftp://host/root", "s3:///root"),
+    *("file://{file}", "file:///dev/null", "\n"),
 )
 
 NO_PLUGINS = (
-    "nothing_like_it",
-    "os:system",
-    "os:path",
-    "json:JSONDecodeError",
-    ":",
-    "a:",
-    ":b",
-    "no.module:Name",
-    "os:no such",
-    "random:no=1:no=2",
-    LONG,
+    *("nothing_like_it", "os:system", "os:path", "json:JSONDecodeError", ":", "a:", ":b"),
+    *("no.module:Name", "os:no such", "random:no=1:no=2", LONG),
 )
 
 BY_KIND: Mapping[str, Sequence[str]] = {
@@ -97,15 +58,8 @@ BY_KIND: Mapping[str, Sequence[str]] = {
     ),
     "FOLDER": NO_FOLDERS,
     "FILE": (
-        "~nosuchuser/x.csv",
-        "{empty}",
-        "{file}/below.csv",
-        "{loop}",
-        "/dev/full",
-        "x.unknown",
-        "nul\0",
-        "",
-        f"{LONG}.gif",
+        *("~nosuchuser/x.csv", "{empty}", "{file}/below.csv", "{loop}", "/dev/full", "x.unknown", "nul\0"),
+        *("", f"{LONG}.gif"),
     ),
     "ADDRESS": ("", "host", "host:port", "host:99999", "http://x", "::", "ray://127.0.0.1:10001"),
     "DEVICE": ("", "gpu", "cuda:-1", "cuda:9", "cpu:1", "CPU", "tpu", "meta"),

@@ -24,7 +24,6 @@ ROOT = Path(__file__).parents[2]
 
 MEASURED = Throughput("measured", 1_000, 50_000, 100)
 
-
 NODE = {"CPU": 16.0, "memory": 26.0 * GIB}
 
 
@@ -78,11 +77,8 @@ def test_a_campaign_on_a_cluster_is_refused_at_once_with_the_clusters_cost(
 def test_a_cluster_may_grow_to_the_nodes_of_its_file() -> None:
     """Read from the autoscaler's command line: cluster.yaml has 20 nodes without GPUs and 4 with one."""
     flags = ("--gcs-address=10.1.2.3:6379", f"--autoscaling-config={ROOT / 'cluster.yaml'}")
-    with subprocess.Popen(
-        [sys.executable, "-c", "print(flush=True); input()", *flags],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-    ) as monitor:
+    command = [sys.executable, "-c", "print(flush=True); input()", *flags]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as monitor:
         monitor.stdout.readline()
         try:
             without = autoscaled_nodes(["10.1.2.3:6379"], gpus=False)

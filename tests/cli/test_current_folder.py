@@ -15,6 +15,10 @@ NAMES = ("analysis.py", "ray.py", "pandas.py")
 SCRIPT = Path(sys.executable).with_name("tma-ray")
 
 
+def ended_in(folder: Path, *command: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "start", [(sys.executable, "-m", "tma_ray.cli"), (sys.executable, "-m", "tma_ray"), (str(SCRIPT),)]
@@ -22,9 +26,7 @@ SCRIPT = Path(sys.executable).with_name("tma-ray")
 def test_the_users_own_files_shadow_nothing(start: tuple[str, ...], tmp_path: Path) -> None:
     for name in NAMES:
         (tmp_path / name).write_text("raise SystemExit('the file of the user was imported')\n")
-    ended = subprocess.run(
-        [*start, "ranking", str(ROOT)], cwd=tmp_path, capture_output=True, text=True, check=False
-    )
+    ended = ended_in(tmp_path, *start, "ranking", str(ROOT))
     assert (ended.returncode, ended.stderr) == (0, "")
     assert "ALP-GMM" in ended.stdout
 
@@ -34,12 +36,9 @@ def test_what_hides_our_package_is_named(name: str, tmp_path: Path) -> None:
     place = tmp_path / name
     place.parent.mkdir(exist_ok=True)
     place.touch()
-    (tmp_path / "script.py").write_text(
-        "from tma_ray.cli import main\n\nraise SystemExit(main(['report', 'x']))\n"
-    )
-    ended = subprocess.run(
-        [sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True, check=False
-    )
+    script = "from tma_ray.cli import main\n\nraise SystemExit(main(['report', 'x']))\n"
+    (tmp_path / "script.py").write_text(script)
+    ended = ended_in(tmp_path, sys.executable, "script.py")
     hiding = tmp_path / Path(name).parts[0]
     assert (ended.returncode, "Traceback" in ended.stderr) == (2, False)
     assert f"{hiding} hides the package 'analysis' of tma_ray: rename it" in ended.stderr

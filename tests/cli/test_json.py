@@ -31,8 +31,6 @@ ARGUMENTS: dict[str, list[str]] = {
 
 @pytest.fixture
 def printed(root: Path, capsys: pytest.CaptureFixture[str], known_speeds: None) -> Any:
-    """Run a command with --json and return what it prints."""
-
     def run(command: str, *more: str) -> Any:
         arguments = [word.format(root=root) for word in ARGUMENTS[command]]
         assert main([*command.split(), *arguments, *more, "--json"]) == 0

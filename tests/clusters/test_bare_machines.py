@@ -23,9 +23,7 @@ def system_python() -> str:
     """Return the version of the system's Python if it makes virtual environments, else nothing."""
     look = "import ensurepip, sys; print('.'.join(map(str, sys.version_info[:2])))"
     try:
-        return subprocess.run(
-            [PYTHON, "-c", look], capture_output=True, text=True, check=False
-        ).stdout.strip()
+        return subprocess.run([PYTHON, "-c", look], capture_output=True, text=True).stdout.strip()
     except FileNotFoundError:
         return ""
 
@@ -49,8 +47,6 @@ def test_machines_with_nothing_but_python_are_a_cluster_after_one_command(wheel:
         attempts = rows(bed.shared / "bare", Table.ATTEMPTS)
         assert len({row["host"] for row in attempts}) == 2
         first = min(row["started_at"] for row in attempts)
-        sys.stdout.write(
-            f"from ray up to all machines: {joined - start}, to the first run: {first - start}\n"
-        )
+        sys.stdout.write(f"from ray up to all machines: {joined - start}, to a first run: {first - start}\n")
         assert "+cpu" in head.run("du -sh ~/venv; ~/venv/bin/pip freeze | grep torch")
         laptop.run(f"ray down --yes {FILE}")

@@ -50,9 +50,7 @@ def test_what_was_saved_continues_bit_for_bit(teacher: str, tmp_path: Path) -> N
     curriculum.save(tmp_path / "saved")
     curriculum.save(tmp_path / "saved")  # replaces the first
     loaded = Curriculum.load(tmp_path / "saved", **functions())
-    expected, given = (
-        play(each.wrap(make_pendulum(), set_task), 15, seed=50) for each in (curriculum, loaded)
-    )
+    expected, given = (play(one.wrap(make_pendulum(), set_task), 15, seed=50) for one in (curriculum, loaded))
     assert given == expected
     pd.testing.assert_frame_equal(loaded.episodes, curriculum.episodes)
 

@@ -12,20 +12,14 @@ from write_generated import FILE, PART
 
 ROOT = Path(__file__).parents[2]
 
-PAGES = tuple(
-    path.relative_to(ROOT).as_posix()
-    for path in sorted(
-        [
-            *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")),
-            *(ROOT / "docs").rglob("*.md"),
-            *(
-                path
-                for folder in ("examples", "benchmarks", "notebooks")
-                for path in (ROOT / folder).rglob("*.md")
-            ),
-        ]
-    )
-)
+FOLDERS = ("docs", "examples", "benchmarks", "notebooks")
+
+FILES = [
+    *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")),
+    *(path for folder in FOLDERS for path in (ROOT / folder).rglob("*.md")),
+]
+
+PAGES = tuple(path.relative_to(ROOT).as_posix() for path in sorted(FILES))
 """All pages of the repository."""
 
 FENCE = re.compile(r"^( *)```(\w*)[^\n]*\n(.*?)^\1```$", re.DOTALL | re.MULTILINE)

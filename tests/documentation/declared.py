@@ -123,6 +123,7 @@ def exempt(page: str, text: str) -> bool:
 
 def exit_code(page: str, command: str) -> int:
     """Return the expected exit code of a command."""
-    return next(
-        (each.code for each in ENDINGS if fnmatch(page, each.pages) and command.startswith(each.beginning)), 0
+    codes = (
+        each.code for each in ENDINGS if fnmatch(page, each.pages) and command.startswith(each.beginning)
     )
+    return next(codes, 0)

@@ -89,9 +89,8 @@ def test_names_with_settings_are_taken(file: str, name: str) -> None:
 def test_commands_and_their_options_exist(file: str, command: str) -> None:
     known = {" ".join(("tma-ray", *words)): app for words, app in command_line.commands(cli.app())}
     words = command.split()
-    verb = next(
-        " ".join(("tma-ray", *words[:end])) for end in (2, 1) if " ".join(("tma-ray", *words[:end])) in known
-    )
+    verbs = [" ".join(("tma-ray", *words[:end])) for end in (2, 1)]
+    verb = next(each for each in verbs if each in known)
     given = {word.partition("=")[0] for word in words if word.startswith("--")}
     assert given <= {name for each in command_line.arguments(known[verb]) for name in each.names}
 

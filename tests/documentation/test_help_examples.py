@@ -19,16 +19,9 @@ EXAMPLES = [
     if example.startswith("tma-ray") and ">" not in example
 ]
 
-
 LONG = (
-    "--latex",
-    "--watch",
-    "--simulated",
-    "tma-ray compare",
-    "tma-ray wandb",
-    "tma-ray report",
-    "tma-ray leaderboard",
-    "s3://",
+    *("--latex", "--watch", "--simulated", "tma-ray compare", "tma-ray wandb"),
+    *("tma-ray report", "tma-ray leaderboard", "s3://"),
 )
 """In examples that draw many pages, start a library in a process or need a store; the others are fast."""
 

@@ -1,15 +1,16 @@
-"""Every command and code block of the documentation is run; what is not says why in `declared`."""
+"""Commands and code blocks of pages are run, or `declared` says why not; links and pictures are there."""
 
 from __future__ import annotations
 
 import importlib
+import re
 import sys
 from fnmatch import fnmatch
 from pathlib import Path
 from types import ModuleType
 
 import pytest
-from blocks import PAGES, ROOT, Block, blocks_of, inline_commands, lines_of
+from blocks import FENCE, PAGES, ROOT, Block, blocks_of, inline_commands, lines_of
 from commands import execute, simple_commands, understood
 from data_blocks import CHECKS
 from declared import CHANGES, ENDINGS, EXEMPTIONS, changed, exempt, exit_code
@@ -17,22 +18,10 @@ from declared import CHANGES, ENDINGS, EXEMPTIONS, changed, exempt, exit_code
 from tma_ray.console.command_line import UsageError
 
 LONG = (
-    "docs/add_environment.md",
-    "docs/commands.md",
-    "docs/object_stores.md",
-    "docs/policies.md",
-    "docs/simulated_students.md",
-    "examples/README.md",
-    "README.md",
-    "docs/add_embodiment.md",
-    "docs/baselines.md",
-    "docs/training_code.md",
-    "docs/curriculum.md",
-    "docs/get_started.md",
-    "docs/add_student.md",
-    "docs/add_teacher.md",
-    "docs/experiments.md",
-    "docs/releasing.md",
+    *("README.md", "examples/README.md", "docs/add_embodiment.md", "docs/add_environment.md"),
+    *("docs/add_student.md", "docs/add_teacher.md", "docs/baselines.md", "docs/commands.md"),
+    *("docs/curriculum.md", "docs/experiments.md", "docs/get_started.md", "docs/object_stores.md"),
+    *("docs/policies.md", "docs/releasing.md", "docs/simulated_students.md", "docs/training_code.md"),
 )
 """Pages whose code trains, plays or reports again and again."""
 
@@ -109,6 +98,36 @@ def test_what_is_declared_is_of_use() -> None:
     for change in CHANGES:
         assert any(change.found in text for page, text in code.items() if fnmatch(page, change.pages)), change
     for each in (*EXEMPTIONS, *ENDINGS):
-        assert any(fnmatch(page, each.pages) and text.startswith(each.beginning) for page, text in starts), (
-            each
-        )
+        used = [text.startswith(each.beginning) for page, text in starts if fnmatch(page, each.pages)]
+        assert any(used), each
+
+
+LINK = re.compile(r"\]\(((?!\w+:)[^)\s]+)\)")
+
+
+def slug(heading: str) -> str:
+    """Return the anchor of a heading."""
+    text = re.sub(r"[`*]|\(http.*?\)", "", heading).lower()
+    return re.sub(r"\s", "-", re.sub(r"[^\w\s-]", "", text).strip())
+
+
+def anchors(page: str) -> set[str]:
+    text = FENCE.sub("", (ROOT / page).read_text())
+    return {slug(heading) for heading in re.findall(r"^#+ (.*)$", text, re.MULTILINE)}
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_links_lead_somewhere(page: str) -> None:
+    text = FENCE.sub("", (ROOT / page).read_text())
+    for target in LINK.findall(text):
+        file, _, anchor = target.partition("#")
+        path = ((ROOT / page).parent / file).resolve() if file else ROOT / page
+        assert path.exists(), f"{page}: {target}"
+        assert not anchor or anchor in anchors(path.relative_to(ROOT).as_posix()), f"{page}: {target}"
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_pictures_are_there_and_small(page: str) -> None:
+    for picture in re.findall(r"!\[.+?\]\((.+?)\)", (ROOT / page).read_text()):
+        size = ((ROOT / page).parent / picture).stat().st_size
+        assert 1_000 < size < 700_000, f"{page}: {picture} has {size} bytes"

@@ -35,12 +35,8 @@ def bound(node: ast.AST) -> Iterator[str]:
         yield node.id if isinstance(node, ast.Name) else node.attr
 
 
-TREES = {
-    ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): ast.parse(
-        path.read_text()
-    )
-    for path in SOURCES
-}
+PARTS = {path: ".".join(path.relative_to(ROOT).with_suffix("").parts) for path in SOURCES}
+TREES = {name.removesuffix(".__init__"): ast.parse(path.read_text()) for path, name in PARTS.items()}
 
 NAMES = {name for tree in TREES.values() for node in ast.walk(tree) for name in bound(node)}
 NAMES |= {part for module in TREES for part in module.split(".")} | {*dir(builtins)}

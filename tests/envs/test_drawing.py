@@ -116,9 +116,7 @@ def test_grips_show_what_they_do() -> None:
 
 def test_lidars_have_the_colour_of_what_they_hit() -> None:
     shown = scene("classic_bipedal", world())
-    frames = [
-        frame_of("classic_bipedal", replace(shown, hits=np.full(10, hit, np.float32))) for hit in (-1, 0, 1)
-    ]
+    frames = [frame_of("classic_bipedal", replace(shown, hits=np.full(10, hit, "f4"))) for hit in (-1, 0, 1)]
     for colour, frame in zip((LIDAR_WATER, LIDAR, LIDAR_CREEPER), frames, strict=True):
         counts = [pixels(other, colour, 40) for other in frames]
         assert pixels(frame, colour, 40) == max(counts)

@@ -29,9 +29,7 @@ def tasks(env: BodyEnvironment, rng: np.random.Generator, inner: int, corners: i
     """Return `inner` tasks from within the valid domain and some of its corners (None: all)."""
     space = env.valid_domain
     every = np.array(list(product(*zip(space.low, space.high, strict=True))))
-    chosen = (
-        every if corners is None else every[rng.choice(len(every), min(corners, len(every)), replace=False)]
-    )
+    chosen = every if corners is None else rng.choice(every, min(corners, len(every)), replace=False)
     return np.concatenate([space.sample(rng, inner), chosen.astype(np.float32)])
 
 
@@ -67,9 +65,7 @@ def endure(env: BodyEnvironment, task: np.ndarray, kind: str, steps: int, seed: 
 def faults(env: BodyEnvironment, observation: np.ndarray, reward: float) -> set[str]:
     """Return what is wrong with the numbers of a step."""
     found = set()
-    if not (
-        np.all(np.isfinite(observation)) and np.all(np.isfinite(env._engine.state)) and np.isfinite(reward)
-    ):
+    if not all(np.all(np.isfinite(each)) for each in (observation, env._engine.state, reward)):
         found.add("not finite")
     if observation not in env.observation_space:
         found.add("observation outside its space")

@@ -295,9 +295,7 @@ def test_signals_are_where_they_say() -> None:
         task[list(made.task_space.names).index("water_level")] = level
         observation, _ = made.reset(seed=0, options={"task": task})
         assert observation[wet] == level
-    holds = [
-        index for index, meaning in enumerate(meanings) if meaning.endswith("whether it holds something")
-    ]
+    holds = [index for index, text in enumerate(meanings) if text.endswith("whether it holds something")]
     assert observation[holds].tolist() == [1, 1]  # it starts hanging
     grips = [index for index, each in enumerate(made.action_signals) if each.name.startswith("grip")]
     action = np.zeros(made.action_space.shape, np.float32)

@@ -144,10 +144,8 @@ class _Answers(BaseHTTPRequestHandler):
 
 def _entries(files: dict[str, bytes], path: str) -> list[dict[str, Any]]:
     """Return the hub's entry of a file or folder, as a list, which is empty if it is missing."""
-    if path in files:
-        return [
-            {"type": "file", "path": path, "size": len(files[path]), "oid": sha1(files[path]).hexdigest()}
-        ]
+    if (data := files.get(path)) is not None:
+        return [{"type": "file", "path": path, "size": len(data), "oid": sha1(data).hexdigest()}]
     if any(each.startswith(f"{path}/") for each in files):
         return [{"type": "directory", "path": path, "size": 0, "oid": sha1(path.encode()).hexdigest()}]
     return []

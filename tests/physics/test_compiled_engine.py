@@ -30,9 +30,7 @@ def some_world(seed: int = 0):
     return stump_tracks(np.array([1.5, 3.0], dtype=np.float32), np.random.default_rng(seed))
 
 
-@pytest.mark.parametrize(
-    "copied", [copy.copy, copy.deepcopy, lambda engine: pickle.loads(pickle.dumps(engine))]
-)
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, lambda one: pickle.loads(pickle.dumps(one))])
 def test_a_copy_is_an_engine_of_its_own(copied: Callable[[CompiledEngine], CompiledEngine]) -> None:
     engine = CompiledEngine(BODY, RULES)
     engine.reset(some_world(), 0.0)

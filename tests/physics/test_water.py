@@ -56,12 +56,10 @@ DEEP = 100.0
 """Height of a surface over everything."""
 
 
-def forces(
-    body: Embodiment, state: np.ndarray, water_y: float, torques: tuple[float, ...] = ()
-) -> np.ndarray:
+def forces(body: Embodiment, state: np.ndarray, water: float, torques: tuple[float, ...] = ()) -> np.ndarray:
     arrays, written = step_arrays(body, RULES), np.full((len(state), 3), np.nan)
     rotations = np.stack([np.cos(state[:, 2]), np.sin(state[:, 2])], axis=1)
-    wet = water_forces(state, rotations, np.array(torques), arrays, water_y, written)
+    wet = water_forces(state, rotations, np.array(torques), arrays, water, written)
     assert wet or not written.any()
     return written
 

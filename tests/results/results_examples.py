@@ -31,14 +31,8 @@ def make_rows(rng: np.random.Generator, step: int) -> list[tuple[Table, list[dic
         scalars={"progress": float(rng.random()), "noise": 0.0},
     )
     evaluation = [
-        {
-            "step": step,
-            "test_set": "grid" if index % 2 else "extra",
-            "task_index": index,
-            "task": task,
-            "episodic_return": float(rng.normal()),
-            "length": int(rng.integers(2000)),
-        }
+        {"step": step, "test_set": "grid" if index % 2 else "extra", "task_index": index, "task": task}
+        | {"episodic_return": float(rng.normal()), "length": int(rng.integers(2000))}
         for index in range(TASKS_PER_EVALUATION)
     ]
     return [
@@ -85,15 +79,10 @@ def _training_row(rng: np.random.Generator, step: int) -> dict[str, Any]:
 
 
 def _episode_row(rng: np.random.Generator, step: int, *, shuffled: bool) -> dict[str, Any]:
-    return {
-        "step": step,
-        "episode": step,
-        "task": rng.random(2).astype(np.float32),
-        "world_task": rng.random(2).astype(np.float32) if shuffled else None,
-        "episodic_return": float(rng.normal()),
-        "length": 7,
-        "success": bool(rng.random() > 0.5),
-    }
+    task = rng.random(2).astype(np.float32)
+    world_task = rng.random(2).astype(np.float32) if shuffled else None
+    row = {"step": step, "episode": step, "task": task, "world_task": world_task, "length": 7}
+    return row | {"episodic_return": float(rng.normal()), "success": bool(rng.random() > 0.5)}
 
 
 def sibling(store: Store, suffix: str) -> Store:

@@ -49,7 +49,6 @@ ROW = {"step": 0, "test_set": "grid", "task_index": 0, "task": [0.5], "episodic_
 
 
 def new_run(store: ResultsStore) -> None:
-    """Write a run with the columns of today."""
     committer, record = Committer(store), make_record("new")
     writer = RunWriter(store, "new", committer.start(record))
     writer.add(Table.EVALUATIONS, [ROW | {"falls": 3}])
@@ -117,9 +116,8 @@ def test_a_column_that_has_always_been_there_is_missed(old_root: Path) -> None:
     store = ResultsStore.open(old_root)
     path = store.files("tables/cells")[0]
     pq.write_table(pa.table({"campaign": ["c"]}), old_root / path)
-    with pytest.warns(
-        DamagedFileWarning, match=r"cells/.*no column 'experiment', which cells has always had"
-    ):
+    missed = r"cells/.*no column 'experiment', which cells has always had"
+    with pytest.warns(DamagedFileWarning, match=missed):
         assert len(Results(store).table(Table.CELLS)) == 0
 
 

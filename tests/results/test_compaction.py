@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import pytest
 from results_examples import add_run, make_cell, sibling, tree
@@ -54,7 +55,6 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def root(store: Store, written: Path) -> Store:
-    """A store with these runs."""
     for path in written.rglob("*"):
         if path.is_file():
             store.write_bytes(path.relative_to(written).as_posix(), path.read_bytes())
@@ -72,8 +72,7 @@ def add(committer: Committer, run_id: str, *, finished: bool = True) -> None:
 
 
 def add_cells(committer: Committer, experiment: str, run_ids: list[str]) -> None:
-    rows = [make_cell(run_id, seed, experiment) for seed, run_id in enumerate(run_ids)]
-    committer.write_cells(experiment, rows)
+    committer.write_cells(experiment, [make_cell(name, i, experiment) for i, name in enumerate(run_ids)])
 
 
 def content(store: Store) -> dict[str, object]:
@@ -90,22 +89,25 @@ def content(store: Store) -> dict[str, object]:
     return {name: repr(rows.to_pylist()) for name, rows in found.items()} | orders
 
 
+def files_of(root: Store, table: str) -> list[str]:
+    return [Path(path).stem for path in root.files(f"tables/{table}")]
+
+
 def test_merged_files_read_as_before(root: Store) -> None:
-    before = content(root)
+    before, earlier = content(root), Results(root)
+    data = {table: earlier.table(table).to_pylist() for table in DATA_TABLES}
     outcome = compact(root)
     assert content(root) == before
     assert outcome.runs == sum(map(len, RUNS.values()))
-    assert root.files("tables/episodes") == (
-        "tables/episodes/first.parquet",
-        "tables/episodes/second.parquet",
-    )
-    assert root.files("tables/attempts") == (
-        "tables/attempts/first.parquet",
-        "tables/attempts/run-99.parquet",
-        "tables/attempts/second.parquet",
-    )
+    assert files_of(root, "episodes") == ["first", "second"]
+    assert files_of(root, "attempts") == ["first", "run-99", "second"]
     assert outcome.files_after == len(root.files("tables")) < outcome.files_before
     assert not {"lease.json", "compacting.json"} & set(root.files())
+    assert {table: earlier.table(table).to_pylist() for table in DATA_TABLES} == data, "opened before"
+    assert earlier.problems == []
+    merged = tree(root)
+    assert compact(root).runs == 0
+    assert tree(root) == merged
 
 
 @pytest.mark.parametrize("run_ids", [["run-03"], ["run-00a", "run-02", "run-99"], RUNS["first"]], ids=str)
@@ -117,13 +119,6 @@ def test_some_runs_and_columns_read_as_before(root: Store, run_ids: list[str]) -
     assert [rows.to_pylist() for rows in after] == [rows.to_pylist() for rows in before]
 
 
-def test_again_there_is_nothing_to_merge(root: Store) -> None:
-    compact(root)
-    before = tree(root)
-    assert compact(root).runs == 0
-    assert tree(root) == before
-
-
 def test_later_runs_are_merged_with_the_earlier_ones(root: Store) -> None:
     compact(root)
     committer = Committer(root)
@@ -132,18 +127,14 @@ def test_later_runs_are_merged_with_the_earlier_ones(root: Store) -> None:
     before = content(root)
     assert compact(root).runs == len(RUNS["first"]) + 1
     assert content(root) == before
-    assert root.files("tables/episodes") == (
-        "tables/episodes/first-2.parquet",
-        "tables/episodes/second.parquet",
-    )
-    assert "tables/attempts/first.parquet" not in root.files()
+    assert files_of(root, "episodes") == ["first-2", "second"]
+    assert "first" not in files_of(root, "attempts")
 
 
 def test_a_campaign_goes_on_after_it(root: Store) -> None:
     compact(root)
     committer = Committer(root)
-    manifest = committer.manifest("run-03")
-    assert manifest.status is RunStatus.DONE
+    assert committer.manifest("run-03").status is RunStatus.DONE
     committer.sweep()
     add(committer, "run-99")
     assert len(Results(root).table(Table.TRAINING, ["run-99"])) == 2
@@ -187,14 +178,6 @@ def test_a_kill_anywhere_changes_nothing_read(root: Store, monkeypatch: pytest.M
     assert len(root.files("tables/attempts")) == len(root.files("tables/runs")) == 3
 
 
-def test_readers_that_opened_the_root_before_read_on(root: Store) -> None:
-    results = Results(root)
-    before = {table: results.table(table).to_pylist() for table in DATA_TABLES}
-    compact(root)
-    assert {table: results.table(table).to_pylist() for table in DATA_TABLES} == before
-    assert results.problems == []
-
-
 def test_a_root_in_use_is_refused(root: Store) -> None:
     before = content(root)
     with Lease(root, "a campaign"), pytest.raises(RootInUseError, match="in use by a campaign"):
@@ -219,12 +202,13 @@ def test_damaged_runs_are_named_and_stay_as_they_are(root: Store, path: str) -> 
 def test_files_written_otherwise_are_noticed(root: Store, monkeypatch: pytest.MonkeyPatch) -> None:
     before = content(root)
     rows = Results(root).table(Table.EVALUATIONS, ["run-01"])
-    original = compaction.pack.__globals__["encode_together"]
-    monkeypatch.setitem(
-        compaction.pack.__globals__,
-        "encode_together",
-        lambda table, parts: original(table, [rows for _ in parts] if table is Table.EVALUATIONS else parts),
-    )
+    names = compaction.pack.__globals__
+    original = names["encode_together"]
+
+    def encode(table: Table, parts: list[Any]) -> object:
+        return original(table, [rows for _ in parts] if table is Table.EVALUATIONS else parts)
+
+    monkeypatch.setitem(names, "encode_together", encode)
     with pytest.raises(DamagedFileError, match="does not hold what run run-00"):
         compact(root)
     assert content(root) == before

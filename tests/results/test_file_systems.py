@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import stat
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -16,10 +17,7 @@ NO_LINKS = (errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK, errno.EIN
 
 
 def without_links(monkeypatch: pytest.MonkeyPatch, number: int) -> None:
-    def link(*_: object, **__: object) -> None:
-        raise OSError(number, os.strerror(number))
-
-    monkeypatch.setattr(os, "link", link)
+    monkeypatch.setattr(os, "link", refusing(number))
 
 
 def without_folder_sync(monkeypatch: pytest.MonkeyPatch, number: int) -> None:
@@ -62,14 +60,18 @@ def test_a_folder_that_is_not_synced_for_another_reason_is_an_error(
         Store.open(tmp_path / "root").write_bytes("file", b"1")
 
 
-def test_a_name_that_cannot_be_given_stays_free(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(*_: object) -> None:
-        raise OSError(errno.ENOSPC, "No space left on device")
+def refusing(number: int) -> Callable[..., None]:
+    def refuse(*_: object, **__: object) -> None:
+        raise OSError(number, os.strerror(number))
 
+    return refuse
+
+
+def test_a_name_that_cannot_be_given_stays_free(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     without_links(monkeypatch, errno.EPERM)
     store = Store.open(tmp_path)
     with monkeypatch.context() as patch:
-        patch.setattr(Path, "replace", refuse)
+        patch.setattr(Path, "replace", refusing(errno.ENOSPC))
         with pytest.raises(StorageError, match="free some space"):
             store.create("lease.json", b"1")
     assert store.create("lease.json", b"2")
@@ -78,12 +80,8 @@ def test_a_name_that_cannot_be_given_stays_free(tmp_path: Path, monkeypatch: pyt
 
 
 def test_what_no_repetition_mends_is_not_repeated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fsync(descriptor: int) -> None:
-        raise OSError(errno.EINVAL, "Invalid argument")
-
-    monkeypatch.setattr(os, "fsync", fsync)
-    with pytest.raises(
-        StorageError, match=r"file system lacks an operation.*use a folder on another"
-    ) as info:
+    monkeypatch.setattr(os, "fsync", refusing(errno.EINVAL))
+    lacking = r"file system lacks an operation.*use a folder on another"
+    with pytest.raises(StorageError, match=lacking) as info:
         Store.open(tmp_path).write_bytes("file", b"1")
     assert "the same command" not in str(info.value)

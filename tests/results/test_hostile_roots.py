@@ -16,7 +16,7 @@ from results_examples import make_record
 
 from tma_ray.cli import main
 from tma_ray.embodiments import load_embodiment
-from tma_ray.results import Committer, Results, RunStatus, Store, Table
+from tma_ray.results import Committer, Results, RunStatus, Table
 from tma_ray.results.layout import table_path
 from tma_ray.results.manifest import MOST_RUN_ROWS, Manifest, PartFile
 from tma_ray.results.parquet import MOST_TABLE_ROWS, decode, opened, unpacked_sizes
@@ -139,16 +139,6 @@ def test_no_reader_waits_for_a_pipe_or_reads_holes(
         os.truncate(path, 300 * 2**30)
     with pytest.raises(ValueError, match=r"a named pipe lies in its place|it has 322,122,547,200 bytes"):
         read(path)
-
-
-@pytest.mark.parametrize("target", ["file", "circle"])
-def test_links_that_lead_out_of_a_root_are_refused(tmp_path: Path, target: str) -> None:
-    (tmp_path / "root").mkdir()
-    (tmp_path / "secret.json").write_text("{}")
-    link = tmp_path / "root" / "link"
-    link.symlink_to(link if target == "circle" else tmp_path / "secret.json")
-    with pytest.raises(DamagedFileError, match="a symbolic link leads out of the root"):
-        Store.open(tmp_path / "root").read_bytes("link")
 
 
 def test_a_manifest_that_lists_more_rows_than_any_run_has_is_refused() -> None:

@@ -44,9 +44,8 @@ def test_a_table_without_rows_keeps_its_columns(table: Table) -> None:
 def test_bytes_do_not_depend_on_chunks_or_dictionaries(table: Table) -> None:
     rows = rows_of(table)
     pieces = [rows.slice(start, 2) for start in range(0, len(rows), 2)]
-    reversed_ids = pa.DictionaryArray.from_arrays(
-        pa.array([1] * len(rows), pa.int32()), pa.array(["unused", "run-1"])
-    )
+    ids = pa.array(["unused", "run-1"])
+    reversed_ids = pa.DictionaryArray.from_arrays(pa.array([1] * len(rows), pa.int32()), ids)
     assert encode(table, pa.concat_tables(pieces)) == encode(table, rows)
     assert encode(table, rows.set_column(0, "run_id", reversed_ids)) == encode(table, rows)
 
@@ -80,9 +79,7 @@ def episodes(run_id: str, count: int) -> pa.Table:
 
 def test_rows_of_many_runs_are_read_back_run_by_run(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(parquet, "ROW_GROUP_ROWS", 5)
-    parts = [
-        episodes(name, count) for name, count in (("a", 2), ("b", 3), ("c", 1), ("d", 12), ("e", 0), ("f", 2))
-    ]
+    parts = [episodes(name, count) for name, count in zip("abcdef", (2, 3, 1, 12, 0, 2), strict=True)]
     data = parquet.encode_together(Table.EPISODES, iter(parts))
     groups = pq.ParquetFile(pa.BufferReader(data)).metadata
     assert [groups.row_group(place).num_rows for place in range(groups.num_row_groups)] == [5, 1, 5, 5, 2, 2]

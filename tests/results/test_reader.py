@@ -1,5 +1,6 @@
 import re
 import warnings
+from typing import Any
 
 import pytest
 from results_examples import add_run, make_record
@@ -21,10 +22,8 @@ def test_runs_come_by_id_and_their_rows_as_written(store: Store) -> None:
     add_run(store, "run-b", (0, 10))
     add_run(store, "run-a", (0,), finished=False)
     results = Results(store)
-    assert [(m.run.run_id, m.status) for m in results.runs()] == [
-        ("run-a", RunStatus.RUNNING),
-        ("run-b", RunStatus.DONE),
-    ]
+    states = [(m.run.run_id, m.status) for m in results.runs()]
+    assert states == [("run-a", RunStatus.RUNNING), ("run-b", RunStatus.DONE)]
     episodes = results.table(Table.EPISODES, columns=["step", "run_id"])
     assert episodes.column_names == ["step", "run_id"]
     assert episodes.to_pylist() == [
@@ -63,10 +62,8 @@ def test_ids_of_all_runs_share_one_dictionary(store: Store) -> None:
     for run_id in ("run-a", "run-b"):
         add_run(store, run_id, (0,))
     counts = Results(store).table(Table.EPISODES).group_by("run_id").aggregate([("success", "count")])
-    assert sorted(counts.to_pylist(), key=lambda row: row["run_id"]) == [
-        {"run_id": "run-a", "success_count": 3},
-        {"run_id": "run-b", "success_count": 3},
-    ]
+    found = sorted((row["run_id"], row["success_count"]) for row in counts.to_pylist())
+    assert found == [("run-a", 3), ("run-b", 3)]
 
 
 @pytest.mark.parametrize("damage", ["truncated", "one byte changed", "gone", "of another run"])
@@ -89,38 +86,26 @@ def test_a_damaged_file_is_named_and_the_rest_loads(store: Store, damage: str) -
     assert len(results.table(Table.TRAINING)) == 4
 
 
-@pytest.mark.parametrize("content", [b"", b"{", b"[1]", b'{"run": {}}', b"\xff"])
-def test_a_damaged_manifest_is_named_and_the_other_runs_load(store: Store, content: bytes) -> None:
+LIES = [
+    *(("path", "../../secret.parquet"), ("path", "/etc/passwd"), ("path", "tables//episodes.parquet")),
+    *(("path", "..\\\\secret.parquet"), ("run_id", "../../somewhere"), ("run_id", "run-b")),
+]
+"""Values of fields with which a manifest would lead elsewhere."""
+
+
+@pytest.mark.parametrize("damage", [b"", b"{", b"[1]", b'{"run": {}}', b"\xff", *LIES])
+def test_a_damaged_or_hostile_manifest_is_named_and_the_other_runs_load(store: Store, damage: Any) -> None:
     for run_id in ("run-a", "run-b"):
         add_run(store, run_id, (0,))
-    store.write_bytes("manifests/run-a.json", content)
+    if isinstance(damage, tuple):
+        (field, lie), text = damage, store.read_bytes("manifests/run-a.json").decode()
+        damage = re.sub(rf'"{field}": "[^"]*"', lambda _: f'"{field}": "{lie}"', text).encode()
+        assert damage != text.encode()
+    store.write_bytes("manifests/run-a.json", damage)
     with pytest.warns(DamagedFileWarning, match=r"manifests/run-a\.json"):
         results = Results(store)
     assert [m.run.run_id for m in results.runs()] == ["run-b"]
     assert results.table(Table.EPISODES)["run_id"].unique().to_pylist() == ["run-b"]
-
-
-@pytest.mark.parametrize(
-    ("field", "lie"),
-    [
-        ("path", "../../secret.parquet"),
-        ("path", "/etc/passwd"),
-        ("path", "tables//episodes.parquet"),
-        ("path", "..\\\\secret.parquet"),
-        ("run_id", "../../somewhere"),
-        ("run_id", "run-b"),
-    ],
-)
-def test_a_hostile_manifest_leads_nowhere_and_the_other_runs_load(store: Store, field: str, lie: str) -> None:
-    for run_id in ("run-a", "run-b"):
-        add_run(store, run_id, (0,))
-    text = store.read_bytes("manifests/run-a.json").decode()
-    changed = re.sub(rf'"{field}": "[^"]*"', lambda _: f'"{field}": "{lie}"', text)
-    assert changed != text
-    store.write_bytes("manifests/run-a.json", changed.encode())
-    with pytest.warns(DamagedFileWarning, match=r"manifests/run-a\.json"):
-        results = Results(store)
-    assert [m.run.run_id for m in results.runs()] == ["run-b"]
 
 
 def test_a_damaged_table_about_runs_is_named(store: Store) -> None:

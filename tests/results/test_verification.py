@@ -91,9 +91,8 @@ def test_the_command_says_what_is_damaged(old_root: Path, capsys: pytest.Capture
     assert main(["verify", str(old_root), "--json"]) == 1
     content = json.loads(capsys.readouterr().out)
     assert (content["whole"], content["runs"]) == (False, 2)
-    assert content["damage"] == [
-        {"path": f"tables/episodes/{FIRST}.parquet", "problem": "it is missing", "run_id": FIRST}
-    ]
+    path = f"tables/episodes/{FIRST}.parquet"
+    assert content["damage"] == [{"path": path, "problem": "it is missing", "run_id": FIRST}]
 
 
 def test_the_command_verifies_releases(old_root: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -116,9 +115,8 @@ def drop(root: Path, *patterns: str) -> None:
 )
 def test_a_run_without_its_manifest_is_named(old_root: Path, more: tuple[str, ...]) -> None:
     drop(old_root, f"manifests/{FIRST}.json", *more)
-    with pytest.warns(
-        DamagedFileWarning, match=rf"manifests/{FIRST}\.json was left out: it is missing, although"
-    ):
+    missing = rf"manifests/{FIRST}\.json was left out: it is missing, although"
+    with pytest.warns(DamagedFileWarning, match=missing):
         results = Results.open(old_root)
     assert [run.run.run_id for run in results.runs()] == [SECOND]
     damage = {(found.path, found.run_id) for found in verify_root(Store.open(old_root)).damage}

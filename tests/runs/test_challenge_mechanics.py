@@ -105,9 +105,7 @@ def test_episodes_tell_both_tasks_and_test_tasks_are_not_shuffled(tmp_path: Path
         run(spec, tmp_path / name)
     assert told(tmp_path / "plain", Table.EVALUATIONS, 0) == told(tmp_path / "shuffled", Table.EVALUATIONS, 0)
     episodes = rows(tmp_path / "shuffled", Table.EPISODES)
-    tasks, world_tasks = (
-        np.array([row[name] for row in episodes], np.float32) for name in ("task", "world_task")
-    )
+    tasks, world_tasks = (np.array([row[key] for row in episodes], "f4") for key in ("task", "world_task"))
     np.testing.assert_array_equal(landscape(shuffled).to_world(tasks), world_tasks)
     assert all(row["world_task"] is None for row in rows(tmp_path / "plain", Table.EPISODES))
 

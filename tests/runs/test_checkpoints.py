@@ -39,9 +39,7 @@ def files(store: Store) -> list[str]:
 
 
 def future(one: Run) -> list[tuple[float, int]]:
-    return [
-        (episode.episodic_return, episode.length) for episode in (one.advance() for _ in range(10)) if episode
-    ]
+    return [(ended.episodic_return, ended.length) for ended in (one.advance() for _ in range(10)) if ended]
 
 
 @pytest.fixture

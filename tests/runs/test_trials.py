@@ -41,9 +41,7 @@ def test_all_steps_count_to_the_budget(finished: Path) -> None:
     assert len(asked) > 3
     for index, row in enumerate(episodes):
         played = sum(each["length"] for each in episodes[: index + 1])
-        evaluated = sum(
-            dict(each["scalars"])["steps"] for each in asked if each["episode"] < row["episode"] + 1
-        )
+        evaluated = sum(dict(a["scalars"])["steps"] for a in asked if a["episode"] < row["episode"] + 1)
         assert row["step"] == played + evaluated
     assert max(row["step"] for row in asked + episodes) <= 3_000
 

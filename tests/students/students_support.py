@@ -66,10 +66,9 @@ def small_student(name: str, seed: int = 0, **hyperparameters) -> Student:
     return make_student(name, env.observation_space, env.action_space, np.random.SeedSequence(seed), values)
 
 
-def played(
-    student: Student, env: gymnasium.Env, observation: np.ndarray | None = None
-) -> Iterator[Transition]:
-    """Train endlessly, from a reset or from `observation`; yield the transitions."""
+def played(student: Student, env: gymnasium.Env, start: np.ndarray | None = None) -> Iterator[Transition]:
+    """Train endlessly, from a reset or from `start`; yield the transitions."""
+    observation = start
     while True:
         if observation is None:
             observation = env.reset()[0]

@@ -49,9 +49,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         module, needed = _module(item.nodeid), set(SERVICES) & set(getattr(item, "fixturenames", ()))
         if needed - {SERVICE_OF.get(module)}:
-            raise pytest.UsageError(
-                f"{module} uses {', '.join(needed)}: list it in tests/suite/distribution.py"
-            )
+            raise pytest.UsageError(f"{module} uses {', '.join(needed)}: list it in suite/distribution.py")
     turns = {service: turn for turn, service in enumerate(SERVICES)}
     items.sort(key=lambda item: turns.get(scope(item.nodeid), len(turns)))
 

@@ -59,18 +59,9 @@ def play(teacher: Teacher, episodes: int, step: int = 0) -> list[Task]:
     for index in range(step, step + episodes):
         task = teacher.propose().task
         difficulty = float(teacher.space.normalise(task).mean())
-        episodic_return = 300 - 400 * difficulty + 0.2 * index
-        query = teacher.observe(
-            Episode(
-                task=task,
-                episodic_return=episodic_return,
-                success=episodic_return > 230,
-                length=EPISODE_LENGTH,
-                initial_observation=np.array([difficulty, 0, 0], dtype=np.float32),
-                discounted_return=episodic_return / 5,
-                step=EPISODE_LENGTH * (index + 1),
-            )
-        )
+        gained, end = 300 - 400 * difficulty + 0.2 * index, EPISODE_LENGTH * (index + 1)
+        first = np.array([difficulty, 0, 0], dtype=np.float32)
+        query = teacher.observe(Episode(task, gained, gained > 230, EPISODE_LENGTH, first, gained / 5, end))
         while query is not None:
             query = teacher.answer(answer(query))
         tasks.append(task)

@@ -37,14 +37,12 @@ def test_particles_go_straight_where_they_may() -> None:
 def test_no_particle_goes_where_returns_are_too_low() -> None:
     grid = np.linspace(0, 1, 201)[:, None]
     performance = Performance(grid, np.where(grid[:, 0] < 0.5, 300.0, 0.0), 0.01)
-    particles = np.random.default_rng(2).uniform(0, 0.45, (50, 1))
+    particles, ends = np.random.default_rng(2).uniform(0, 0.45, (50, 1)), np.ones((50, 1))
     for step in range(20):
-        particles = moved(
-            particles, np.ones((50, 1)), performance, 180.0, RADIUS, np.random.default_rng(step)
-        )
+        particles = moved(particles, ends, performance, 180.0, RADIUS, np.random.default_rng(step))
     assert (particles > 0.45).all()
     assert (particles < 0.51).all()
-    lost = moved(np.full((5, 1), 0.55), np.ones((5, 1)), performance, 180.0, RADIUS, np.random.default_rng(3))
+    lost = moved(np.full((5, 1), 0.55), ends[:5], performance, 180.0, RADIUS, np.random.default_rng(3))
     assert (lost < 0.5).all(), "the best return in reach"
 
 

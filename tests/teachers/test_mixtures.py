@@ -22,9 +22,8 @@ STUMP_TRACKS = SPACES["stump_tracks"]
 def test_a_fit_is_the_one_of_scikit_learn_with_the_lowest_aic(columns: int, most_components: int) -> None:
     rng = np.random.default_rng(columns)
     centres = rng.uniform(0, 10, (3, columns)) * ([1] * (columns - 1) + [30])
-    rows = np.concatenate(
-        [rng.normal(centre, 1 + index, (40, columns)) for index, centre in enumerate(centres)]
-    )
+    parts = [rng.normal(centre, 1 + index, (40, columns)) for index, centre in enumerate(centres)]
+    rows = np.concatenate(parts)
     with threadpool_limits(limits=1):
         fits = [GaussianMixture(size, random_state=7).fit(rows) for size in range(2, most_components + 1)]
         best = min(fits, key=lambda fit: fit.aic(rows))

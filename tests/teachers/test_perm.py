@@ -50,10 +50,8 @@ def test_the_fit_is_the_mode_of_the_posterior() -> None:
 
 
 def test_tasks_are_as_difficult_as_the_student_is_able() -> None:
-    teacher, rng = (
-        started("perm", SPACE, window_episodes=150, windows=6, explore=0.3),
-        np.random.default_rng(2),
-    )
+    teacher = started("perm", SPACE, window_episodes=150, windows=6, explore=0.3)
+    rng = np.random.default_rng(2)
     for ability in np.linspace(-1.5, 1.0, 8).repeat(150):
         task = teacher.propose().task
         succeeds = rng.random() < 1 / (1 + np.exp(difficulty(task) - ability))

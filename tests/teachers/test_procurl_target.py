@@ -18,13 +18,13 @@ def test_the_best_task_is_that_of_the_formula_on_a_grid() -> None:
     def value(point: np.ndarray) -> float:
         return float(np.exp(-2.5 * point[0] - 1.5 * point[1]))
 
-    scores = []
-    for point in grid:
-        of_targets = []
-        for target in targets:
-            alike = np.exp(-np.hypot(*(point - target)) / 0.25)
-            of_targets.append(value(target) * (1 - value(target)) * alike)
-        scores.append(value(point) * (1 - value(point)) * max(of_targets))
+    def open_share(point: np.ndarray) -> float:
+        return value(point) * (1 - value(point))
+
+    def alike(point: np.ndarray, target: np.ndarray) -> float:
+        return float(np.exp(-np.hypot(*(point - target)) / 0.25))
+
+    scores = [open_share(x) * max(open_share(y) * alike(x, y) for y in targets) for x in grid]
     values, target_values = (np.array([value(point) for point in points]) for points in (grid, targets))
     found = proximity(values, target_values, similarity(grid, targets, 0.25))
     np.testing.assert_allclose(found, scores, rtol=1e-12)

@@ -43,11 +43,9 @@ def test_the_judge_separates_what_the_student_can_from_what_it_cannot() -> None:
 def test_the_setter_proposes_tasks_as_feasible_as_asked_and_spreads() -> None:
     teacher, _ = taught()
     latents = torch.from_numpy(np.random.default_rng(0).standard_normal((300, 2)))
+    asked = [torch.full((300,), feasibility, dtype=torch.float64) for feasibility in (0.97, 0.03)]
     with torch.no_grad():
-        easy, hard = (
-            teacher.setter_(latents, torch.full((300,), feasibility, dtype=torch.float64))[0].numpy()
-            for feasibility in (0.97, 0.03)
-        )
+        easy, hard = (teacher.setter_(latents, each)[0].numpy() for each in asked)
     assert np.mean(easy[:, 0] < 0.5) > 0.8
     assert np.mean(hard[:, 0] > 0.5) > 0.8
     spacings = STUMP_TRACKS.normalise(teacher.probe(500))[:, 1]
@@ -92,10 +90,8 @@ def test_networks_change_every_so_many_episodes_only() -> None:
     before = [weight.clone() for weight in teacher.setter_.parameters()]
 
     def changed() -> bool:
-        return any(
-            not torch.equal(one, other)
-            for one, other in zip(before, teacher.setter_.parameters(), strict=True)
-        )
+        pairs = zip(before, teacher.setter_.parameters(), strict=True)
+        return any(not torch.equal(one, other) for one, other in pairs)
 
     for _ in range(19):
         teacher.observe(ended(teacher.sample(), success=True))

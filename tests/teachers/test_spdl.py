@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
@@ -131,19 +133,12 @@ def random_gaussian(size: int, rng: np.random.Generator, spread: float = 0.3) ->
 
 
 def density(gaussian: FullGaussian, points: np.ndarray) -> np.ndarray:
-    return np.exp(
-        multivariate_normal(gaussian.mean, gaussian.factor @ gaussian.factor.T).logpdf(points).reshape(-1)
-    )
+    normal = multivariate_normal(gaussian.mean, gaussian.factor @ gaussian.factor.T)
+    return np.exp(normal.logpdf(points).reshape(-1))
 
 
-def objective(
-    new: FullGaussian,
-    old: FullGaussian,
-    target: FullGaussian,
-    points: np.ndarray,
-    values: np.ndarray,
-    alpha: float,
-) -> float:
+def objective(new: FullGaussian, old: FullGaussian, target: FullGaussian, *task: Any) -> float:
+    points, values, alpha = task
     weights = np.exp(new.seen_from(old).log_ratio(old.whiten(points)))
     return float(np.mean(weights * (values - values.mean()))) - alpha * new.divergence(target)
 

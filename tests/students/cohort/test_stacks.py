@@ -159,9 +159,7 @@ def assert_same(replay, model):
         np.testing.assert_array_equal(own, np.array(expected, np.float32).reshape(own.shape))
 
 
-@pytest.mark.parametrize(
-    "longest", [1, 3, 30, 100], ids=["single steps", "short", "long", "over the capacity"]
-)
+@pytest.mark.parametrize("longest", [1, 3, 30, 100], ids=["single steps", "short", "long", "over capacity"])
 def test_it_keeps_the_newest_transitions_of_each_run(longest):
     """Around the ring several times; episodes of a step need two rows each, for which the memory grows."""
     rng, replay = np.random.default_rng(longest), StackedReplay(WIDTH, CAPACITY, (2, 1), CPU)
