@@ -97,8 +97,12 @@ def test_what_a_body_of_a_pool_lacks_is_named_there_alone() -> None:
 @pytest.mark.parametrize(
     ("column", "other"),
     [
-        *(("steps", 2000.0), ("physics_version", 2.0), ("mastery_threshold", 100.0)),
-        *(("test_set", "mine"), ("expert_knowledge", "high"), ("challenge", "mostly_trivial")),
+        ("steps", 2000.0),
+        ("physics_version", 2.0),
+        ("mastery_threshold", 100.0),
+        ("test_set", "mine"),
+        ("expert_knowledge", "high"),
+        ("challenge", "mostly_trivial"),
     ],
 )
 def test_what_must_not_be_pooled_is_not(column: str, other: object) -> None:

@@ -60,8 +60,10 @@ def test_without_a_difference_power_is_how_often_welch_errs(significance: float)
 @pytest.mark.parametrize(
     ("first", "second"),
     [
-        *((seeds(3), seeds(3)), (seeds(32, 6.6), seeds(32, 10.5))),
-        *((seeds(16, 28.5), seeds(16, 0.0)), (seeds(8, 20.0), seeds(48, 5.0))),
+        (seeds(3), seeds(3)),
+        (seeds(32, 6.6), seeds(32, 10.5)),
+        (seeds(16, 28.5), seeds(16, 0.0)),
+        (seeds(8, 20.0), seeds(48, 5.0)),
     ],
 )
 def test_power_by_simulation(first: Description, second: Description) -> None:
@@ -91,8 +93,10 @@ def test_every_pair_has_a_smallest_difference(first: tuple[int, float], second: 
 @pytest.mark.parametrize(
     ("first", "second"),
     [
-        *((seeds(1), seeds(32)), (seeds(32), seeds(0))),
-        *((seeds(32, math.nan), seeds(32)), (seeds(32, 0.0), seeds(32, 0.0))),
+        (seeds(1), seeds(32)),
+        (seeds(32), seeds(0)),
+        (seeds(32, math.nan), seeds(32)),
+        (seeds(32, 0.0), seeds(32, 0.0)),
     ],
 )
 def test_where_nothing_can_be_tested_nothing_can_be_shown(first: Description, second: Description) -> None:

@@ -1,4 +1,4 @@
-"""Experiments, tiers, grids and the paper's results are what the paper says."""
+"""Experiments, tiers, grids, results and teachers' needs of knowledge are what the paper says."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import pytest
 from tma_ray.benchmark import (
     CASE_STUDIES,
     EXPERIMENTS,
+    KNOWLEDGE_REQUIREMENTS,
     MATRICES,
     PPO_GRID,
     SIZES,
@@ -15,6 +16,7 @@ from tma_ray.benchmark import (
     Experiment,
     Grid,
     Matrix,
+    Requirement,
     Tier,
     challenges_of,
     find_challenge,
@@ -25,7 +27,13 @@ from tma_ray.benchmark import (
 from tma_ray.students import default_hyperparameters
 from tma_ray.tasks import KnowledgeLevel
 from tma_ray.teachers import TEACHERS as REGISTRY
-from tma_ray.teachers import canonical_teacher, hyperparameters_of, make_teacher
+from tma_ray.teachers import (
+    canonical_teacher,
+    effective_level,
+    hyperparameters_of,
+    knows_enough,
+    make_teacher,
+)
 
 
 def matrices_of(name: str) -> dict[str, Matrix]:
@@ -43,15 +51,8 @@ def test_every_point_of_a_grid_makes_a_teacher_and_the_papers_choice_is_the_defa
 def test_the_grids_have_the_papers_sizes() -> None:
     """Seventy points, give or take ten, but for the 81 of Goal-GAN's table."""
     sizes = {teacher: len(grid.points()) for teacher, grid in TEACHER_GRIDS.items()}
-    assert sizes == {
-        "adr": 72,
-        "riac": 64,
-        "covar_gmm": 64,
-        "alp_gmm": 64,
-        "goal_gan": 81,
-        "spdl": 72,
-        "setter_solver": 64,
-    }
+    others = dict.fromkeys(("riac", "covar_gmm", "alp_gmm", "setter_solver"), 64)
+    assert sizes == {"adr": 72, "goal_gan": 81, "spdl": 72} | others
 
 
 def test_ppos_choice_is_its_default() -> None:
@@ -63,14 +64,8 @@ def test_ppos_choice_is_its_default() -> None:
 
 def test_points_begin_with_the_choice_and_thin_out_evenly() -> None:
     grid = Grid({"a": (1, 2, 3), "b": (0, 1)}, chosen={"a": 2, "b": 1})
-    assert grid.points() == (
-        {"a": 2, "b": 1},
-        {"a": 1, "b": 0},
-        {"a": 1, "b": 1},
-        {"a": 2, "b": 0},
-        {"a": 3, "b": 0},
-        {"a": 3, "b": 1},
-    )
+    points = [(point["a"], point["b"]) for point in grid.points()]
+    assert points == [(2, 1), (1, 0), (1, 1), (2, 0), (3, 0), (3, 1)]
     assert grid.points(1) == ({"a": 2, "b": 1},)
     assert grid.points(3) == ({"a": 2, "b": 1}, {"a": 1, "b": 0}, {"a": 2, "b": 0})
     assert grid.points(99) == grid.points()
@@ -99,11 +94,8 @@ def test_the_climber_learns_in_an_easy_space_almost_without_water() -> None:
     spaces = challenges_of("parkour")
     easy, dry = spaces["easy"].task_space, spaces[climbing.challenge].task_space
     assert climbing.steps == 10_000_000
-    assert (climbing.teachers, climbing.embodiments, len(climbing.seeds)) == (
-        ("random",),
-        ("climbing_chimpanzee",),
-        16,
-    )
+    assert (climbing.teachers, climbing.embodiments) == (("random",), ("climbing_chimpanzee",))
+    assert len(climbing.seeds) == 16
     for mine, theirs in zip(dry.dimensions, easy.dimensions, strict=True):
         expected = (0, 0.2) if mine.name == "water_level" else (theirs.low, theirs.high)
         assert (mine.low, mine.high) == pytest.approx(expected)
@@ -222,3 +214,31 @@ def test_stages_are_found_by_name() -> None:
         lite.stage("cor")
     with pytest.raises(ValueError, match=r"parkour has no stage 'core'; known: none"):
         find_experiment("parkour").stage("core")
+
+
+NONE, LOW, HIGH = KnowledgeLevel
+
+
+def test_every_teacher_of_the_paper_is_there_and_registered() -> None:
+    assert set(KNOWLEDGE_REQUIREMENTS) == set(TEACHERS)
+    assert set(KNOWLEDGE_REQUIREMENTS) <= set(REGISTRY.names())
+
+
+@pytest.mark.parametrize("name", KNOWLEDGE_REQUIREMENTS)
+def test_a_teacher_runs_without_knowledge_unless_it_requires_the_mastery_range(name: str) -> None:
+    required = KNOWLEDGE_REQUIREMENTS[name].mastery_range is Requirement.REQUIRED
+    assert knows_enough(REGISTRY.get(name), NONE) is not required
+    assert knows_enough(REGISTRY.get(name), LOW)
+
+
+@pytest.mark.parametrize("name", KNOWLEDGE_REQUIREMENTS)
+def test_an_informed_initial_distribution_changes_a_run_unless_it_is_ignored(name: str) -> None:
+    ignored = KNOWLEDGE_REQUIREMENTS[name].initial_distribution is Requirement.IGNORED
+    assert (effective_level(REGISTRY.get(name), name, HIGH) is HIGH) is not ignored
+
+
+@pytest.mark.parametrize("name", KNOWLEDGE_REQUIREMENTS)
+def test_the_mastery_range_changes_a_run_only_if_it_is_used(name: str) -> None:
+    if knows_enough(REGISTRY.get(name), NONE):
+        assert effective_level(REGISTRY.get(name), name, LOW) is NONE
+        assert KNOWLEDGE_REQUIREMENTS[name].mastery_range is Requirement.IGNORED

@@ -18,12 +18,8 @@ TEXTS = {"type": "object", "additionalProperties": TEXT}
 
 def record(required: str = "", /, **fields: Any) -> dict[str, Any]:
     """Return the schema of an object with the given fields and no others."""
-    return {
-        "type": "object",
-        "properties": fields,
-        "required": required.split(),
-        "additionalProperties": False,
-    }
+    options = {"required": required.split(), "additionalProperties": False}
+    return {"type": "object", "properties": fields, **options}
 
 
 def one_of(*values: str) -> dict[str, Any]:

@@ -15,13 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 PORTS = (
-    "port",
-    "dashboard-port",
-    "dashboard-agent-listen-port",
-    "dashboard-agent-grpc-port",
-    "runtime-env-agent-port",
-    "metrics-export-port",
-    "ray-client-server-port",
+    *("port", "dashboard-port", "dashboard-agent-listen-port", "dashboard-agent-grpc-port"),
+    *("runtime-env-agent-port", "metrics-export-port", "ray-client-server-port"),
 )
 
 RAY = Path(sys.executable).with_name("ray")
@@ -82,11 +77,6 @@ def private_environment(folder: Path) -> dict[str, str]:
     token.write_text(secrets.token_hex(32))
     token.chmod(0o600)
     kept = {name: value for name, value in os.environ.items() if not name.startswith("RAY_")}
-    return kept | {
-        "HOME": str(folder),
-        "RAY_TMPDIR": str(folder),
-        "RAY_AUTH_MODE": "token",
-        "RAY_AUTH_TOKEN_PATH": str(token),
-        "RAY_USAGE_STATS_ENABLED": "0",
-        "RAY_JOB_STOP_WAIT_TIME_S": "90",
-    }
+    own = {"HOME": str(folder), "RAY_TMPDIR": str(folder), "RAY_AUTH_TOKEN_PATH": str(token)}
+    own |= {"RAY_AUTH_MODE": "token", "RAY_USAGE_STATS_ENABLED": "0", "RAY_JOB_STOP_WAIT_TIME_S": "90"}
+    return kept | own

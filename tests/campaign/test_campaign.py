@@ -8,7 +8,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import gymnasium
+import numpy as np
 import pytest
+import ray
 from rich.console import Console
 from small_runs import SCHEDULE, STUDENTS, data_files, rows
 
@@ -19,6 +22,7 @@ from tma_ray.campaign.executors.ray_executor import RayExecutor
 from tma_ray.campaign.progress import ProgressView, Snapshot, overview
 from tma_ray.campaign.scheduler import Scheduler
 from tma_ray.campaign.settings import ExecutionConfig, Resources, TeacherPlacement
+from tma_ray.curriculum import Curriculum, SharedCurriculum
 from tma_ray.results import Committer, Lease, Results, RootInUseError, Store, Table
 from tma_ray.runs import Cell, run_locally
 from tma_ray.tasks import KnowledgeLevel
@@ -27,15 +31,8 @@ pytestmark = pytest.mark.usefixtures("cluster")
 
 
 def corridor(teacher: str, level: KnowledgeLevel = KnowledgeLevel.NONE, **hyperparameters: Any) -> Cell:
-    return Cell(
-        environment="corridor:Corridor",
-        embodiment="",
-        student="ppo",
-        teacher=teacher,
-        expert_knowledge=level,
-        teacher_hyperparameters=hyperparameters,
-        student_hyperparameters=STUDENTS["ppo"],
-    )
+    settings = {"teacher_hyperparameters": hyperparameters, "student_hyperparameters": STUDENTS["ppo"]}
+    return Cell("corridor:Corridor", "original", "", "ppo", teacher, level, **settings)
 
 
 def idle(teacher: str, level: KnowledgeLevel = KnowledgeLevel.NONE) -> Cell:
@@ -186,3 +183,34 @@ def test_a_plugin_that_the_workers_lack_is_refused(tmp_path: Path, monkeypatch: 
     with pytest.raises(ValueError, match=r"no module 'only_here'.*Ray was connected before"):
         execute(campaign(corridor("only_here:Mine")), tmp_path / "root")
     assert not (tmp_path / "root").exists()
+
+
+def set_mass(environment: gymnasium.Env, task: dict[str, float]) -> None:
+    environment.unwrapped.m = task["mass"]
+
+
+class Worker:
+    """An actor with an environment of its own."""
+
+    def __init__(self, handle: SharedCurriculum) -> None:
+        self.environment = handle.wrap(gymnasium.make("Pendulum-v1", max_episode_steps=5), set_mass)
+
+    def play(self, episodes: int) -> list[float]:
+        """Return the masses of so many episodes, and begin another one."""
+        masses = [float(self.environment.reset(seed=0)[1]["task"][0])]
+        for _ in range(episodes):
+            while not self.environment.step(np.zeros(1, np.float32))[3]:
+                pass
+            masses.append(float(self.environment.reset()[1]["task"][0]))
+        return masses[:-1]
+
+
+def test_actors_share_a_teacher_and_one_that_dies_costs_its_episode_only(cluster: None) -> None:
+    curriculum = Curriculum("riac", {"mass": (0.5, 2.0)}, mastery_return=-50)
+    handle = curriculum.shared(host="127.0.0.1")
+    first, second = (ray.remote(num_cpus=0)(Worker).remote(handle) for _ in range(2))
+    played = ray.get([first.play.remote(3), second.play.remote(3)])
+    ray.kill(first)
+    played.append(ray.get(second.play.remote(2)))
+    assert sorted(np.concatenate(played)) == sorted(curriculum.episodes["task_mass"])
+    assert curriculum.episodes["length"].tolist() == [5] * 8

@@ -40,11 +40,8 @@ def test_ray_finds_the_file_valid_and_would_find_a_slip() -> None:
 
 def test_nodes_hold_runs_and_the_head_holds_none() -> None:
     default = Resources()
-    assert {name: default.fit_into(each["resources"]) for name, each in TYPES.items()} == {
-        "head": 0,
-        "cpu_worker": 16,
-        "gpu_worker": 16,
-    }
+    fit = {name: default.fit_into(each["resources"]) for name, each in TYPES.items()}
+    assert fit == {"head": 0, "cpu_worker": 16, "gpu_worker": 16}
     assert Resources(gpus=0.125).fit_into(TYPES["gpu_worker"]["resources"]) == 8
     assert Resources(gpus=0.125).fit_into(TYPES["cpu_worker"]["resources"]) == 0
     assert "--num-cpus=0" in STARTS["head"]
@@ -59,10 +56,8 @@ def test_a_gpu_node_holds_a_full_cohort_of_sac() -> None:
 
 
 def test_workers_are_spot_nodes_within_bounds_and_the_head_stays() -> None:
-    markets = {
-        name: each["node_config"].get("InstanceMarketOptions", {}).get("MarketType")
-        for name, each in TYPES.items()
-    }
+    options = {name: each["node_config"].get("InstanceMarketOptions", {}) for name, each in TYPES.items()}
+    markets = {name: each.get("MarketType") for name, each in options.items()}
     assert markets == {"head": None, "cpu_worker": "spot", "gpu_worker": "spot"}
     assert sum(each["max_workers"] for each in WORKERS.values()) == CONFIG["max_workers"]
     assert all(0 <= each["min_workers"] <= each["max_workers"] for each in WORKERS.values())
@@ -92,10 +87,8 @@ def test_exactly_this_version_is_installed_from_mounted_files(config: dict[str, 
     wheel = f"tma_ray-{tma_ray.__version__}-py3-none-any.whl"
     mounts = config["file_mounts"]
     assert mounts[f"~/tma_ray/{wheel}"] == f"dist/{wheel}"
-    assert {mounts[f"~/tma_ray/{name}"] for name in ("cluster.lock", "torch.lock")} == {
-        "cluster.lock",
-        "torch.lock",
-    }
+    locks = {"cluster.lock", "torch.lock"}
+    assert {mounts[f"~/tma_ray/{name}"] for name in locks} == locks
     kinds = ("setup_commands", "head_setup_commands")
     commands = [command for kind in kinds for command in config.get(kind, ())]
     installs = [found[1] for each in commands if (found := re.search(r"pip install --quiet (.*)", each))]

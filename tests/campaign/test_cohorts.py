@@ -186,12 +186,8 @@ def test_a_student_without_a_stacked_learner_is_refused_before_anything_starts(t
 
 def test_the_width_follows_the_device_unless_it_is_given() -> None:
     shared = Resources(gpus=0.25)
-    assert [ExecutionConfig(device=device).width for device in ("cpu", "cuda", "cuda:0", "mps")] == [
-        0,
-        48,
-        48,
-        0,
-    ]
+    widths = {device: ExecutionConfig(device=device).width for device in ("cpu", "cuda", "cuda:0", "mps")}
+    assert widths == {"cpu": 0, "cuda": 48, "cuda:0": 48, "mps": 0}
     assert ExecutionConfig(shared, "cuda").width == 0
     assert ExecutionConfig(shared, "cuda", cohort=0).per_run == shared
     assert ExecutionConfig(device="cuda").per_run == PLAYER

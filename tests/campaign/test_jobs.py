@@ -83,10 +83,8 @@ def test_the_wrong_token_joins_nothing_and_says_so(head: Head, tmp_path: Path) -
     token.write_text("0" * 64)
     command = [sys.executable, "experiments/quickstart.py", "--address", head.address]
     environment = head.environment | {"RAY_AUTH_TOKEN_PATH": str(token)}
-    refused = subprocess.run(
-        [*command, "--results", str(tmp_path / "root")],
-        cwd=ROOT, env=environment, capture_output=True, text=True, timeout=120,
-    )  # fmt: skip
+    options = {"cwd": ROOT, "env": environment, "capture_output": True, "text": True, "timeout": 120}
+    refused = subprocess.run([*command, "--results", str(tmp_path / "root")], **options)
     assert refused.returncode == 2
     assert f"no Ray cluster was joined at '{head.address}'" in refused.stderr
     assert "RAY_AUTH_TOKEN_PATH" in refused.stderr

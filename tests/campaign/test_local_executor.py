@@ -84,10 +84,8 @@ def test_processes_have_the_files_that_runs_read(tmp_path: Path) -> None:
 
 
 def test_a_run_that_raises_fails_with_its_traceback_and_the_others_go_on(tmp_path: Path) -> None:
-    cells = [
-        Cell("corridor:Corridor", embodiment="", student="idle_student:Idle", teacher=teacher)
-        for teacher in ("misbehaving:Raising", "random")
-    ]
+    teachers = ("misbehaving:Raising", "random")
+    cells = [Cell("corridor:Corridor", "original", "", "idle_student:Idle", name) for name in teachers]
     runs = CampaignSpec("local", tuple(cells), (0,), Schedule(400, 400, 400)).plan().runs
     ended = execute(runs, tmp_path, 1)
     assert (ended.done, ended.failed) == (1, 1)

@@ -117,11 +117,8 @@ def test_resources_decide_how_many_runs_fit() -> None:
 
 
 def test_a_device_and_a_share_of_a_gpu_belong_together() -> None:
-    for resources, device in [
-        (Resources(gpus=0.25), "cuda"),
-        (Resources(gpus=2), "cuda:0"),
-        (Resources(), "mps"),
-    ]:
+    devices = {"cuda": Resources(gpus=0.25), "cuda:0": Resources(gpus=2), "mps": Resources()}
+    for device, resources in devices.items():
         assert ExecutionConfig(resources, device).placement.device == device
     refused = [
         (Resources(gpus=0.5), "cpu", r"each run occupies 0\.5 GPUs: add '--device cuda'"),
@@ -198,11 +195,8 @@ def test_progress_without_a_terminal_is_plain_lines() -> None:
 def test_progress_on_a_terminal_shows_the_runs() -> None:
     text = io.StringIO()
     view = ProgressView(Console(file=text, width=200, force_terminal=True))
-    view.update(
-        Snapshot(
-            30, 0, 0, 0, 5, 5, 300, [ActiveRun(f"run-{i}", 9, Status(4, 1.0, math.nan)) for i in range(25)]
-        )
-    )
+    active = [ActiveRun(f"run-{i}", 9, Status(4, 1.0, math.nan)) for i in range(25)]
+    view.update(Snapshot(30, 0, 0, 0, 5, 5, 300, active))
     view.close(Snapshot(30, 30, 0, 0, 0, 0, 99, []))
     assert "run-19" in text.getvalue()
     assert "and 5 more running" in text.getvalue()
@@ -210,10 +204,5 @@ def test_progress_on_a_terminal_shows_the_runs() -> None:
 
 
 def test_durations() -> None:
-    assert [duration(s) for s in (0, 59.9, 60, 3599, 90_000)] == [
-        "0 s",
-        "59 s",
-        "1 min 0 s",
-        "59 min 59 s",
-        "1 d 1 h",
-    ]
+    texts = ["0 s", "59 s", "1 min 0 s", "59 min 59 s", "1 d 1 h"]
+    assert [duration(s) for s in (0, 59.9, 60, 3599, 90_000)] == texts

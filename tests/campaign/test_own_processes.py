@@ -20,12 +20,8 @@ def test_children_of_the_node_manager_may_end_and_the_node_manager_may_not(tmp_p
     assert bash is not None
     raylet = shutil.copy(bash, tmp_path / "raylet")
     processes = LocalRayWatch()
-    with subprocess.Popen(
-        [raylet, "-c", f"{raylet} -c 'echo; read line'; echo; read line"],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    ) as node:
+    command = [raylet, "-c", f"{raylet} -c 'echo; read line'; echo; read line"]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as node:
         node.stdout.readline()
         (child,) = psutil.Process(node.pid).children()
         assert child.name() == "raylet"

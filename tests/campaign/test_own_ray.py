@@ -31,12 +31,8 @@ def family(pid: int) -> list[psutil.Process]:
 
 def listening(processes: list[psutil.Process]) -> dict[tuple[str, int], str]:
     """Return what process listens at which address and port."""
-    return {
-        tuple(socket.laddr): process.name()
-        for process in processes
-        for socket in process.net_connections("inet")
-        if socket.status == psutil.CONN_LISTEN
-    }
+    sockets = ((socket, process) for process in processes for socket in process.net_connections("inet"))
+    return {tuple(s.laddr): process.name() for s, process in sockets if s.status == psutil.CONN_LISTEN}
 
 
 def is_loopback(address: str) -> bool:

@@ -93,12 +93,8 @@ def threads(monkeypatch: pytest.MonkeyPatch, dying: list[str]) -> Iterator[None]
             return ready, [call for call in calls if call not in ready]
 
         node = SimpleNamespace(get_node_id=lambda: "here")
-        ray = SimpleNamespace(
-            wait=wait,
-            get=lambda call, timeout=None: call.result(timeout),
-            kill=lambda actor: None,
-            get_runtime_context=lambda: node,
-        )
+        calls = {"wait": wait, "get": lambda call, timeout=None: call.result(timeout)}
+        ray = SimpleNamespace(kill=lambda actor: None, get_runtime_context=lambda: node, **calls)
         for module in (actors, ray_executor):
             monkeypatch.setattr(module, "ray", ray)
         monkeypatch.setattr(actors.SeedActor, "launch", launch)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import subprocess
 import sys
 from collections.abc import Iterable
 from pathlib import Path
@@ -27,6 +29,7 @@ from tma_ray.campaign import (
     joined_plan,
     matrix_campaigns,
     matrix_cells,
+    script,
 )
 from tma_ray.campaign.costs import Cost, Throughput, estimate
 from tma_ray.campaign.experiments import experiment_plan
@@ -87,10 +90,8 @@ def test_the_stage_of_todays_teachers_has_their_cells_alone() -> None:
     assert values(plan, "challenge") == {"original", "mostly_unfeasible", "rugged_difficulty"}
     assert {spec.seed for spec in plan.runs} == {0, 1, 2}
     assert "ramp:steps=1000000" in values(plan, "teacher")
-    assert values(planned("lite_1", "--stage", "today", "--teachers", "sfl,ramp"), "teacher") == {
-        "sfl",
-        "ramp:steps=1000000",
-    }
+    today = planned("lite_1", "--stage", "today", "--teachers", "sfl,ramp")
+    assert values(today, "teacher") == {"sfl", "ramp:steps=1000000"}
 
 
 def test_lite_2_tests_the_decisive_student_twice_as_often_on_half_of_the_tasks() -> None:
@@ -126,14 +127,10 @@ def test_seeds_are_places_in_each_matrixs_own() -> None:
 
 def test_a_tier_has_budgets_and_lite_no_climbers(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     plan = planned("full_benchmark", "--tier", "lite", "--teachers", "random")
-    assert {(spec.environment, spec.schedule.steps) for spec in plan.runs} == {
-        ("stump_tracks", 2_000_000),
-        ("parkour", 6_000_000),
-    }
-    assert {spec.embodiment for spec in plan.runs if spec.environment == "parkour"} == {
-        "classic_bipedal",
-        "fish",
-    }
+    budgets = {(spec.environment, spec.schedule.steps) for spec in plan.runs}
+    assert budgets == {("stump_tracks", 2_000_000), ("parkour", 6_000_000)}
+    bodies = {spec.embodiment for spec in plan.runs if spec.environment == "parkour"}
+    assert bodies == {"classic_bipedal", "fish"}
     assert plan.budgets == {"stump_tracks": 2_000_000, "parkour": 6_000_000}
     shorter = planned("full_benchmark", "--tier", "lite", "--teachers", "random", "--steps", "1M")
     assert {spec.schedule.steps for spec in shorter.runs} == {1_000_000}
@@ -247,12 +244,8 @@ def test_the_results_that_an_experiment_ends_with(monkeypatch: pytest.MonkeyPatc
 
 def test_costs_follow_from_measured_throughput() -> None:
     """Two cells of two seeds: 4 runs that start for 8 s, train 1,000 s and evaluate twice for 10 s."""
-    campaign = Campaign(
-        "costly",
-        cells_of(("random", "riac")),
-        (0, 1),
-        Schedule(steps=1_000_000, evaluation_interval=1_000_000),
-    )
+    schedule = Schedule(steps=1_000_000, evaluation_interval=1_000_000)
+    campaign = Campaign("costly", cells_of(("random", "riac")), (0, 1), schedule)
     throughput = Throughput("sac", training=1_000, playing=10_000, transition_bytes=120)
     settings = ExecutionConfig(Resources(cpus=2.0, gpus=0.25), device="cuda")
     cost = estimate(campaign.plan(), settings, find_speeds=lambda kinds, *_: dict.fromkeys(kinds, throughput))
@@ -312,14 +305,64 @@ def test_all_teachers_together() -> None:
 
 def test_parkours_bodies_share_no_seed() -> None:
     assert sorted(seed for matrix in PARKOUR for seed in matrix.seeds) == list(range(48))
-    assert [matrix.embodiments for matrix in PARKOUR] == [
-        ("classic_bipedal",),
-        ("fish",),
-        ("climbing_chimpanzee",),
-    ]
+    bodies = [matrix.embodiments for matrix in PARKOUR]
+    assert bodies == [("classic_bipedal",), ("fish",), ("climbing_chimpanzee",)]
 
 
 def test_a_matrix_becomes_a_campaign_with_its_seeds_and_any_budget() -> None:
     first, *_ = matrix_campaigns(PARKOUR, ("random",), Schedule(steps=1_000))
     assert (first.name, first.seeds, first.schedule.steps) == ("parkour_walking", tuple(range(16)), 1_000)
     assert matrix_campaigns([ORIGINAL_SPACE], ("random",))[0].schedule == Schedule()
+
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture
+def code(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """What the campaign ends with; nothing is measured, trained or written."""
+    codes = [0]
+    measured = Throughput("any", 1e4, 1e4, 100)
+    monkeypatch.setattr(costs, "measured_speeds", lambda kinds, *_: dict.fromkeys(kinds, measured))
+    monkeypatch.setattr(script, "execute", lambda campaign, options: codes[0])
+    monkeypatch.setattr(
+        "analysis.pages.report.write_report", lambda root, output: Path(root) / "report" / "index.html"
+    )
+    return codes
+
+
+def test_every_stage_is_announced_and_timed(code: list[int], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["quickstart", "--results", "out"]) == 0
+    shown = capsys.readouterr().out
+    assert re.findall(r"^\[(\d)/3\]", shown, re.MULTILINE) == ["1", "2", "3"]
+    assert re.search(r"^\[2/3\] Training: .*core-hours, \d+ min with \d+ runs? at once", shown, re.MULTILINE)
+    for stage in ("compilation", "training", "report"):
+        assert re.search(rf"^  {stage}.* 0 min \d\d s$", shown, re.MULTILINE)
+    assert shown.endswith("open out/report/index.html in a browser, then type\n  tma-ray ranking out\n")
+
+
+def test_a_stage_that_fails_ends_it(code: list[int], capsys: pytest.CaptureFixture[str]) -> None:
+    code[0] = 130
+    assert main(["quickstart", "--results", "out"]) == 130
+    assert "[3/3]" not in capsys.readouterr().out
+
+
+def test_a_dry_run_says_what_would_be_trained(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    root = tmp_path / "root"
+    assert main(["quickstart", "--dry-run", "--results", str(root)]) == 0
+    assert "2 cells x 3 seeds = 6 runs, 4,200,000 environment steps" in capsys.readouterr().out
+    assert not root.exists()
+
+
+def test_make_calls_the_command() -> None:
+    told = subprocess.run(["make", "-n", "quickstart"], cwd=ROOT, capture_output=True, text=True)
+    assert ".venv/bin/tma-ray quickstart --results results" in told.stdout
+
+
+def test_the_installation_names_its_stages() -> None:
+    told = subprocess.run(
+        ["make", "-n", "-W", "requirements.lock", "install"], cwd=ROOT, capture_output=True, text=True
+    )
+    assert told.returncode == 0
+    announced = [line for line in told.stdout.splitlines() if line.startswith("echo ")]
+    assert [line.split()[1].strip('"') for line in announced[:3]] == ["Creating", "Downloading", "Installing"]

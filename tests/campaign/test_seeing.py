@@ -124,10 +124,8 @@ def test_history_holds_attempts_messages_and_the_traceback(one_failed: Path) -> 
 
 def test_a_plan_again_holds_what_failed_or_is_named(one_failed: Path) -> None:
     done, failed = sorted(Results.open(one_failed).runs(), key=lambda manifest: manifest.status)
-    for plan in (
-        rerun_plan(str(one_failed), (), failed=True),
-        rerun_plan(str(one_failed), [failed.run.run_id[:-2]], failed=False),
-    ):
+    by_name = rerun_plan(str(one_failed), [failed.run.run_id[:-2]], failed=False)
+    for plan in (rerun_plan(str(one_failed), (), failed=True), by_name):
         assert [spec.run_id for spec in plan.runs] == [failed.run.run_id]
     with pytest.raises(ValueError, match="is done"):
         rerun_plan(str(one_failed), [done.run.run_id], failed=False)

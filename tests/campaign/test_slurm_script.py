@@ -73,20 +73,13 @@ def environment(tmp_path: Path) -> Iterator[dict[str, str]]:
     (commands / "python").symlink_to(sys.executable)
     (port,) = free_ports(1)
     with tempfile.TemporaryDirectory(prefix="job", ignore_cleanup_errors=True) as place:
-        yield {
-            **{name: value for name, value in os.environ.items() if not name.startswith("RAY_")},
-            "HOME": str(tmp_path),
-            "PATH": f"{commands}:{Path(sys.executable).parent}:{os.environ['PATH']}",
-            "TMA_RAY_VENV": str(Path(sys.executable).parents[1]),
-            "SLURM_TMPDIR": place,
-            "SLURM_JOB_ID": str(port),
-            "SLURM_JOB_NODELIST": "localhost,localhost",
-            "SLURM_JOB_NUM_NODES": "2",
-            "SLURM_NTASKS": "2",
-            "SLURM_CPUS_PER_TASK": "1",
-            "SLURM_MEM_PER_NODE": "4096",
-            "REQUEUED": str(tmp_path / "requeued"),
-        }
+        kept = {name: value for name, value in os.environ.items() if not name.startswith("RAY_")}
+        path = f"{commands}:{Path(sys.executable).parent}:{os.environ['PATH']}"
+        own = {"HOME": str(tmp_path), "PATH": path, "TMA_RAY_VENV": str(Path(sys.executable).parents[1])}
+        job = {"TMPDIR": place, "JOB_ID": str(port), "JOB_NODELIST": "localhost,localhost"}
+        job |= {"JOB_NUM_NODES": "2", "NTASKS": "2", "CPUS_PER_TASK": "1", "MEM_PER_NODE": "4096"}
+        slurm = {f"SLURM_{name}": value for name, value in job.items()}
+        yield {**kept, **own, **slurm, "REQUEUED": str(tmp_path / "requeued")}
 
 
 @pytest.mark.slow

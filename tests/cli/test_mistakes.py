@@ -199,8 +199,14 @@ def test_the_whole_catalogue_is_refused(warm: Mapping[str, Any]) -> None:
         ("campaign --seeds 1 --steps 300 --dry-run --results {foreign}", "neither empty (precious.txt) nor"),
         ("campaign --cohort +5 --dry-run", "'+5': expected a number of slots such as 48, or off"),
         ("release {root} mine --partial --licence +5", "'+5': expected a licence"),
-        ("release {root} mine --partial --core nothing", "'nothing': the release has single_runs"),
-        ("simulate --episodes 20m", "'m': k is a thousand, M a million; expected a whole number"),
+        (
+            "release {root} mine --partial --core nothing",
+            "no campaign 'nothing': the release has single_runs",
+        ),
+        (
+            "simulate --episodes 20m",
+            "unknown unit 'm': k is a thousand, M a million; expected a whole number",
+        ),
         ("status ~nosuchuser/x", "no home folder is known for '~nosuchuser'"),
         ("status ftp://host/root", "expected a folder, or an address that begins with s3://"),
         ("ranking lite-9", "'lite-9' is not a results root, nor the name of a baseline"),

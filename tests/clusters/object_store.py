@@ -28,14 +28,10 @@ class ObjectStore:
 
     def __init__(self, bed: Bed, name: str) -> None:
         self._node = bed.nodes[name]
-        self.variables = {
-            "AWS_ENDPOINT_URL": f"http://{self._node.address}:{PORT}",
-            "AWS_ACCESS_KEY_ID": "testing",
-            "AWS_SECRET_ACCESS_KEY": "testing",
-            "AWS_REGION": "us-east-1",
-            "AWS_DEFAULT_REGION": "us-east-1",
-            "AWS_EC2_METADATA_DISABLED": "true",
-        }
+        values = dict.fromkeys(("ACCESS_KEY_ID", "SECRET_ACCESS_KEY"), "testing")
+        values |= dict.fromkeys(("REGION", "DEFAULT_REGION"), "us-east-1")
+        values |= {"ENDPOINT_URL": f"http://{self._node.address}:{PORT}", "EC2_METADATA_DISABLED": "true"}
+        self.variables = {f"AWS_{name}": value for name, value in values.items()}
 
     def make_known(self, node: Node) -> None:
         """Set the environment variables of the store on a node."""

@@ -38,15 +38,8 @@ def functions() -> dict[str, object]:
 
 
 def curriculum_of(teacher: object, seed: int = 0) -> Curriculum:
-    return Curriculum(
-        teacher,
-        SPACE,
-        mastery_return=MASTERY_RETURN,
-        seed=seed,
-        expert_knowledge="high",
-        easy_task=np.array([0.5, 0.5]),
-        **functions(),
-    )
+    known = {"expert_knowledge": "high", "easy_task": np.array([0.5, 0.5]), "seed": seed}
+    return Curriculum(teacher, SPACE, mastery_return=MASTERY_RETURN, **known, **functions())
 
 
 def play(environment: gymnasium.Env, episodes: int, seed: int = 0) -> list[tuple[list[float], float]]:

@@ -30,14 +30,8 @@ from tma_ray.tasks import Episode, Gaussian
 from tma_ray.teachers import TEACHERS, Teacher
 from tma_ray.teachers.alp_gmm import ALPGMM
 
-SMALL = {
-    "plr": "plr:buffer_size=10",
-    "robust_plr": "robust_plr:buffer_size=10",
-    "accel": "accel:buffer_size=10",
-    "traced": "traced:buffer_size=10",
-    "sfl": "sfl:candidates=3:rollouts=2:kept=2",
-    "alp_gmm": "alp_gmm:fit_every=10",
-}
+SMALL = {name: f"{name}:buffer_size=10" for name in ("plr", "robust_plr", "accel", "traced")}
+SMALL |= {"sfl": "sfl:candidates=3:rollouts=2:kept=2", "alp_gmm": "alp_gmm:fit_every=10"}
 """Teachers with settings by which a short test reaches all that they do."""
 
 EVERY_TEACHER = [SMALL.get(name, name) for name in TEACHERS.names()]
@@ -144,12 +138,7 @@ def test_a_teacher_is_refused_without_what_it_needs(name: str) -> None:
         ("alp_gmm:fit_ever=1", SPACE, {}, "fit_every"),
         (7, SPACE, {}, "expected a name, a class or an instance of Teacher"),
         ("alp_gmm", gymnasium.make("Pendulum-v1"), {}, "task_space"),
-        (
-            "alp_gmm",
-            SPACE,
-            {"mastery_return": float("nan")},
-            "mastery_return = nan: expected a finite number",
-        ),
+        ("alp_gmm", SPACE, {"mastery_return": np.nan}, "mastery_return = nan: expected a finite number"),
         ("adr", SPACE, {}, "needs at least 'low'"),
         ("alp_gmm", SPACE, {"expert_knowledge": "some"}, "some"),
         ("alp_gmm", SPACE, {"seed": -1}, "seed"),
@@ -165,15 +154,8 @@ def test_what_makes_no_curriculum_is_refused(teacher, space, options, message) -
 def test_knowledge_may_be_given() -> None:
     target = Gaussian(np.array([2.0, 1.5]), np.array([1e-6, 1e-6]))
     easy = np.array([0.5, 0.5])
-    curriculum = Curriculum(
-        "spdl",
-        SPACE,
-        mastery_return=MASTERY_RETURN,
-        expert_knowledge="high",
-        easy_task=easy,
-        target=target,
-        values=values,
-    )
+    known = {"expert_knowledge": "high", "easy_task": easy, "target": target}
+    curriculum = Curriculum("spdl", SPACE, mastery_return=MASTERY_RETURN, values=values, **known)
     knowledge = curriculum._teacher.knowledge
     assert (knowledge.initial.mean.tolist(), knowledge.target) == (easy.tolist(), target)
     assert knowledge.mastery_threshold == MASTERY_RETURN
@@ -232,10 +214,8 @@ def test_the_record_is_read_as_other_results(tmp_path: Path) -> None:
     (run_id,) = frames.cells["run_id"]
     episodes = frames.episodes(run_id).sort_values("step")
     assert episodes["episodic_return"].tolist() == curriculum.episodes["episodic_return"].tolist()
-    assert (
-        np.stack(episodes["task"]).tolist()
-        == curriculum.episodes[["task_mass", "task_length"]].to_numpy().tolist()
-    )
+    tasks = curriculum.episodes[["task_mass", "task_length"]].to_numpy()
+    assert np.stack(episodes["task"]).tolist() == tasks.tolist()
     assert len(frames.teacher_log(run_id)) == 3
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "file").write_text("of somebody")

@@ -82,6 +82,9 @@ def test_a_name_may_hold_the_parameters() -> None:
     assert load_embodiment(path) == expected
 
 
+OUTSIDE = "steps_survivable_outside_water"
+
+
 @pytest.mark.parametrize(
     ("name", "message"),
     [
@@ -90,14 +93,8 @@ def test_a_name_may_hold_the_parameters() -> None:
         ("spider:pairs_of_legs=2.5", "pairs_of_legs 2.5 must be a whole number"),
         ("spider:pairs_of_legs=many", "pairs_of_legs=many: expected a number"),
         ("classic_bipedal:bodies=3", "unknown parameter 'bodies': known: size, motor_torque"),
-        (
-            "fish:steps_survivable_outside_water=-1",
-            "steps_survivable_outside_water -1.0 must be a whole number",
-        ),
-        (
-            "fish:steps_survivable_outside_water=2.5",
-            "steps_survivable_outside_water 2.5 must be a whole number",
-        ),
+        (f"fish:{OUTSIDE}=-1", f"{OUTSIDE} -1.0 must be a whole number"),
+        (f"fish:{OUTSIDE}=2.5", f"{OUTSIDE} 2.5 must be a whole number"),
         ("wheel:size=0", "size = 0: expected a number over 0"),
         ("wheel:motor_torque=inf", "motor_torque = inf: expected a number of N m over 0"),
         ("spidr:size=2", "did you mean 'spider'"),

@@ -20,7 +20,7 @@ from gymnasium.wrappers import vector as wrappers
 
 import tma_ray  # noqa: F401  (registers the environments)
 from tma_ray.envs import ENVIRONMENTS, make_environment, make_vector_environment
-from tma_ray.envs.vector import EngineLockStep, VectorEnvironment
+from tma_ray.envs.vector import EngineLockStep, LockStep, VectorEnvironment, lock_step
 from tma_ray.physics import engine_in_use
 from tma_ray.physics.compiled.step import body_in
 
@@ -64,10 +64,8 @@ def test_worlds_equal_gymnasiums_own_in_every_mode(name: str, mode: AutoresetMod
     seed: int | None = 7
     for step in range(500):
         if mask.any():
-            results = (
-                worlds.reset(seed=seed, options={"reset_mask": mask}),
-                expected.reset(seed=seed, options={"reset_mask": mask.copy()}),
-            )
+            both = (worlds, expected)
+            results = tuple(each.reset(seed=seed, options={"reset_mask": mask.copy()}) for each in both)
             assert all(same(given, wanted) for given, wanted in zip(*results, strict=True))
             seed = None
         actions = rng.uniform(-1, 1, worlds.action_space.shape).astype(np.float32)
@@ -241,10 +239,8 @@ def test_worlds_of_pymunk_are_stepped_in_turn_with_the_same_bits(monkeypatch: py
         observations = [worlds.reset(seed=3)[0]]
         observations += [worlds.step(each)[0] for each in actions]
         played.append(np.stack(observations).tobytes())
-    with pytest.raises(
-        ValueError,
-        match=r"threads = 2: expected 1 with the pymunk engine \(TMA_RAY_ENGINE=pymunk demands it\)",
-    ):
+    refusal = r"threads = 2: expected 1 with the pymunk engine \(TMA_RAY_ENGINE=pymunk demands it\)"
+    with pytest.raises(ValueError, match=refusal):
         make_vector_environment("stump_tracks", 2, threads=2).reset(seed=3)
     engine_in_use.cache_clear()
     assert played[0] == played[1]
@@ -388,3 +384,57 @@ def test_a_forked_process_steps_its_copies_alone() -> None:
 def test_impossible_numbers_of_threads_are_refused(name: str, threads: float, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         make_vector_environment(name, 2, threads=threads)
+
+
+TOGETHER = 5
+
+
+@pytest.fixture(params=ENVIRONMENTS.names())
+def environments(request):
+    return [make_environment(request.param) for _ in range(TOGETHER)]
+
+
+def play(worlds, tasks: np.ndarray, steps: int) -> list[tuple[bytes, list[float], list[bool]]]:
+    """Play random episodes, twice, and return all that is seen."""
+    seen = []
+    for episode in range(2):
+        rng = np.random.default_rng(episode)
+        observations, played = worlds.reset(np.arange(TOGETHER), list(range(TOGETHER)), tasks)
+        assert played.tolist() == tasks.tolist()
+        running = np.arange(TOGETHER)
+        for _ in range(steps):
+            actions = rng.uniform(-1, 1, (TOGETHER, 4)).astype(np.float32)[running]
+            seen.append((observations.tobytes(),))
+            outcome = worlds.step(running, actions)
+            seen.append(tuple(column.tobytes() for column in outcome))
+            running, observations = running[~outcome.over], outcome.observations[~outcome.over]
+            if not len(running):
+                break
+    return seen
+
+
+def test_together_equals_one_by_one(environments) -> None:
+    tasks = environments[0].task_space.sample(np.random.default_rng(0), TOGETHER)
+    steps = environments[0].max_episode_steps + 1
+    fast, plain = lock_step(environments), LockStep(environments)
+    assert isinstance(fast, EngineLockStep)
+    seen = play(fast, tasks, steps)
+    assert seen == play(plain, tasks, steps)
+    assert len(seen) > 200
+
+
+def test_an_environment_of_somebody_else_is_stepped_one_by_one() -> None:
+    made = [gymnasium.make("Pendulum-v1") for _ in range(2)]
+    assert type(lock_step(made)) is LockStep
+
+
+def test_who_handed_its_engine_over_is_reset_before_its_next_step(environments) -> None:
+    environment = environments[0]
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        environment.release_engine()
+    environment.reset(seed=0)
+    environment.release_engine()
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        environment.step(np.zeros(4))
+    environment.reset(seed=0)
+    environment.step(np.zeros(4))

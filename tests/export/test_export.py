@@ -46,10 +46,8 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def exports(root: Path) -> dict[str, Export]:
-    return {
-        student: export(f"{student}_alp", root.parent / f"{student}-export", root, "CC-BY-4.0")
-        for student in STUDENTS
-    }
+    folders = {student: root.parent / f"{student}-export" for student in STUDENTS}
+    return {name: export(f"{name}_alp", folder, root, "CC-BY-4.0") for name, folder in folders.items()}
 
 
 def card_of(folder: Path) -> tuple[dict[str, Any], str]:
@@ -90,22 +88,13 @@ def test_the_onnx_file_says_what_it_is(student: str, root: Path, exports: dict[s
     model = onnx.load(exports[student].folder / "policy.onnx")
     onnx.checker.check_model(model, full_check=True)
     spec = spec_of(root, f"{student}_alp")
-    assert {each.key: each.value for each in model.metadata_props} == {
-        "run_id": spec.run_id,
-        "environment": "stump_tracks",
-        "embodiment": "classic_bipedal",
-        "student": spec.student,
-        "teacher": spec.teacher,
-        "seed": "0",
-        "steps": "400",
-        "physics_version": str(spec.physics_version),
-        "tma_ray_version": __version__,
-    }
+    names = {"run_id": spec.run_id, "environment": "stump_tracks", "embodiment": "classic_bipedal"}
+    names |= {"student": spec.student, "teacher": spec.teacher, "seed": "0", "steps": "400"}
+    versions = {"physics_version": str(spec.physics_version), "tma_ray_version": __version__}
+    assert {each.key: each.value for each in model.metadata_props} == names | versions
     assert b"/" not in b"".join(node.SerializeToString() for node in model.graph.node)  # no paths of files
-    for value, name, size in (
-        (model.graph.input[0], "observations", 24),
-        (model.graph.output[0], "actions", 4),
-    ):
+    ends = ((model.graph.input[0], "observations", 24), (model.graph.output[0], "actions", 4))
+    for value, name, size in ends:
         batch, values = value.type.tensor_type.shape.dim
         assert (value.name, batch.dim_param, values.dim_value) == (name, "n", size)
 
@@ -205,18 +194,14 @@ def test_an_exported_folder_is_exported_alone_without_results(
 def test_a_plug_in_is_exported_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(EXAMPLES)
     (tmp_path / "two.csv").write_text("mass,length\n1,1\n0.5,0.4\n")
-    cell = Cell(
-        environment="swing_up:SwingUp",
-        embodiment="",
-        student="TD3",
-        student_hyperparameters={
-            "buffer_size": 500,
-            "learning_starts": 100,
-            "train_freq": 50,
-            "policy_kwargs": {"net_arch": [8]},
-        },
-        test_set=str(tmp_path / "two.csv"),
-    )
+    values = {
+        "buffer_size": 500,
+        "learning_starts": 100,
+        "train_freq": 50,
+        "policy_kwargs": {"net_arch": [8]},
+    }
+    others = {"student_hyperparameters": values, "test_set": str(tmp_path / "two.csv")}
+    cell = Cell("swing_up:SwingUp", embodiment="", student="TD3", **others)
     spec = effective_spec(cell, 0, Schedule(steps=200, evaluation_interval=200))
     run(spec, tmp_path / "root")
     done = export("TD3", tmp_path / "out", tmp_path / "root")

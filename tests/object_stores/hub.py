@@ -82,21 +82,12 @@ class _Answers(BaseHTTPRequestHandler):
             self._json([entry for each in wanted for entry in _entries(files, each)])
         elif path[4] == "preupload":
             asked = json.loads(body)["files"]
-            self._json(
-                {
-                    "files": [
-                        {"path": f["path"], "uploadMode": "regular", "shouldIgnore": False} for f in asked
-                    ]
-                }
-            )
+            mode = {"uploadMode": "regular", "shouldIgnore": False}
+            self._json({"files": [{"path": file["path"], **mode} for file in asked]})
         else:
             _commit(files, body)
-            self._json(
-                {
-                    "commitUrl": f"{self.server.address}/datasets/{path[2]}/{path[3]}/commit/1",
-                    "commitOid": "1",
-                }
-            )
+            url = f"{self.server.address}/datasets/{path[2]}/{path[3]}/commit/1"
+            self._json({"commitUrl": url, "commitOid": "1"})
 
     def _files(self, repository: str) -> dict[str, bytes] | None:
         """Return the files of a data set, or send an error and return None if it is missing."""

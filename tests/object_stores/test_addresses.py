@@ -14,14 +14,8 @@ SECRET = "wJalrXUtnFEMI/K7MDENG+secret"
 
 @pytest.fixture(autouse=True)
 def environment(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in (
-        "AWS_ENDPOINT_URL",
-        "AWS_ENDPOINT_URL_S3",
-        "AWS_REGION",
-        "AWS_DEFAULT_REGION",
-        "AWS_PROFILE",
-    ):
-        monkeypatch.delenv(name, raising=False)
+    for name in ("ENDPOINT_URL", "ENDPOINT_URL_S3", "REGION", "DEFAULT_REGION", "PROFILE"):
+        monkeypatch.delenv(f"AWS_{name}", raising=False)
     monkeypatch.setenv("AWS_ACCESS_KEY_ID", "AKIAEXAMPLE")
     monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", SECRET)
 
@@ -57,20 +51,18 @@ def test_a_bucket_is_needed(uri: str) -> None:
         Store.open(uri)
 
 
+ONE = {"AWS_ENDPOINT_URL": "http://one:1"}
+
+
 @pytest.mark.parametrize(
     ("variables", "query", "endpoint", "region"),
     [
         ({"AWS_REGION": "eu-west-1"}, "", None, "eu-west-1"),
         ({"AWS_DEFAULT_REGION": "eu-west-2", "AWS_REGION": "eu-west-1"}, "", None, "eu-west-1"),
         ({"AWS_REGION": "eu-west-1"}, "?region=eu-north-1", None, "eu-north-1"),
-        ({"AWS_ENDPOINT_URL": "http://one:1"}, "", "http://one:1", "us-east-1"),
-        (
-            {"AWS_ENDPOINT_URL": "http://one:1", "AWS_ENDPOINT_URL_S3": "http://s:3"},
-            "",
-            "http://s:3",
-            "us-east-1",
-        ),
-        ({"AWS_ENDPOINT_URL": "http://one:1"}, "?endpoint_override=http://u:4", "http://u:4", "us-east-1"),
+        (ONE, "", "http://one:1", "us-east-1"),
+        (ONE | {"AWS_ENDPOINT_URL_S3": "http://s:3"}, "", "http://s:3", "us-east-1"),
+        (ONE, "?endpoint_override=http://u:4", "http://u:4", "us-east-1"),
     ],
 )
 def test_the_address_goes_before_the_environment(

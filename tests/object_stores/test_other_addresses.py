@@ -1,7 +1,9 @@
-"""Baselines at addresses of fsspec: in memory, and behind a web server of this machine."""
+"""Baselines at addresses of fsspec: in memory, behind a local web server, and at a local Hugging Face."""
 
 from __future__ import annotations
 
+import os
+import subprocess
 import sys
 import threading
 from collections.abc import Iterator
@@ -15,6 +17,8 @@ from fsspec.implementations.memory import MemoryFile
 
 from analysis.baselines import BaselineError, find_baseline, publish, release, verify
 from analysis.baselines.catalogue import BASELINES_VARIABLE
+from tests.object_stores.hub import Hub
+from tests.object_stores.hub import served as served_hub
 from tma_ray.cli import main
 from tma_ray.results import (
     DamagedFileError,
@@ -192,3 +196,45 @@ def test_the_command_publishes(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert verify(tmp_path / "place" / "mine-1.0").whole
     assert main(["release", str(ROOT), "mine-1.0", "--shard", "one", "--output", place]) == 2
     assert "--shard adds to a release in a folder" in capsys.readouterr().err
+
+
+pytest.importorskip("huggingface_hub")
+
+
+DATA_SET = Path(__file__).parents[2] / "notebooks" / "data" / "ppo-lite"
+ADDRESS = "hf://datasets/me/mine-1.0"
+
+
+def command(hub: Hub, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    """Run the command in a process whose library knows `hub` and no other."""
+    environment = os.environ | {"HF_ENDPOINT": hub.address, "HF_TOKEN": "secret", "COLUMNS": "80"}
+    words = [sys.executable, "-m", "tma_ray.cli", *map(str, arguments)]
+    return subprocess.run(words, env=environment, capture_output=True, text=True, check=False)
+
+
+def test_a_release_is_published_verified_and_read() -> None:
+    with served_hub() as hub:
+        hub.repositories["me/mine-1.0"] = {".gitattributes": b"*.parquet filter=lfs\n"}
+        published = command(hub, "release", DATA_SET, "mine-1.0", "--output", "hf://datasets/me")
+        assert (published.returncode, published.stdout.strip()) == (0, ADDRESS), published.stderr
+        whole = command(hub, "baselines", "verify", ADDRESS)
+        assert whole.returncode == 0, whole.stdout + whole.stderr
+        read = command(hub, "ranking", ADDRESS)
+        assert (read.returncode, read.stdout) == (0, command(hub, "ranking", DATA_SET).stdout)
+        hub.repositories["me/mine-1.0"]["README.md"] += b"another"
+        changed = command(hub, "baselines", "verify", ADDRESS)
+        assert changed.returncode == 1
+        assert "README.md" in changed.stdout + changed.stderr
+
+
+def test_a_hub_that_refuses_and_one_that_is_gone_are_told_from_an_empty_place() -> None:
+    with served_hub() as hub:
+        hub.repositories["me/mine-1.0"] = {"README.md": b"a card"}
+        empty = command(hub, "baselines", "verify", ADDRESS)
+        private = command(hub, "baselines", "verify", "hf://datasets/me/private")
+    gone = command(hub, "baselines", "verify", ADDRESS)
+    assert [each.returncode for each in (empty, private, gone)] == [2, 2, 2]
+    assert f"{ADDRESS} is not a baseline: baseline.json is missing" in empty.stderr
+    assert "hf://datasets/me/private/baseline.json was refused: 401" in private.stderr
+    assert f"{ADDRESS}/baseline.json cannot be reached" in gone.stderr
+    assert "secret" not in private.stderr + gone.stderr

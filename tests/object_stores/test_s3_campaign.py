@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -18,30 +19,16 @@ HERE = Path(__file__).parent
 
 HELPERS = [str(HERE), str(HERE.parent / "runs"), str(HERE.parent / "campaign")]
 
-CAMPAIGN = Campaign(
-    "bucket",
-    tuple(
-        Cell("corridor:Corridor", "original", "", "ppo", teacher, student_hyperparameters=STUDENTS["ppo"])
-        for teacher in ("random", "riac")
-    ),
-    (0,),
-    SCHEDULE,
-)
+CELL = Cell("corridor:Corridor", "original", "", "ppo", student_hyperparameters=STUDENTS["ppo"])
+CELLS = tuple(replace(CELL, teacher=teacher) for teacher in ("random", "riac"))
+CAMPAIGN = Campaign("bucket", CELLS, (0,), SCHEDULE)
 
 
 def execute(root: str) -> subprocess.CompletedProcess[str]:
     """Execute the campaign in a process of its own, whose Ray has its environment."""
     path = os.pathsep.join([*HELPERS, os.environ.get("PYTHONPATH", "")])
-    command = [
-        sys.executable,
-        __file__,
-        "--results",
-        root,
-        "--memory-per-run",
-        "0.5",
-        "--checkpoint-seconds",
-        "1",
-    ]
+    options = ("--memory-per-run", "0.5", "--checkpoint-seconds", "1")
+    command = [sys.executable, __file__, "--results", root, *options]
     return subprocess.run(command, env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True)
 
 

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from itertools import pairwise
 
 import pytest
@@ -81,12 +82,8 @@ def test_a_lasting_failure_names_the_file_and_loses_nothing(s3_root: str, proxy:
     store = Store.open(s3_root)
     store.write_bytes("tables/file", b"old")
     proxy.refuse = lambda method, path: True
-    for action in (
-        lambda: store.write_bytes("tables/file", b"new"),
-        lambda: store.read_bytes("tables/file"),
-        lambda: store.move("tables/file", "x"),
-        lambda: store.delete("tables/file"),
-    ):
+    actions = {"write_bytes": (b"new",), "read_bytes": (), "move": ("x",), "delete": ()}
+    for action in (partial(getattr(store, name), "tables/file", *more) for name, more in actions.items()):
         with pytest.raises(
             ObjectStoreError, match=rf"{s3_root}/tables/file: the object store went on failing"
         ):

@@ -66,12 +66,9 @@ def world_points(pose: Floats, points: Floats) -> Floats:
 
 def joint_drift(state: Floats, body: BodyArrays) -> Floats:
     """Return the distances (j,) between the two anchors of joints, in m."""
-    return np.array(
-        [
-            np.linalg.norm(world_points(state[a], pair[:1]) - world_points(state[b], pair[1:]))
-            for (a, b), pair in zip(body.joint_parts, body.anchors, strict=True)
-        ]
-    )
+    pairs = zip(body.joint_parts, body.anchors, strict=True)
+    apart = [world_points(state[a], pair[:1]) - world_points(state[b], pair[1:]) for (a, b), pair in pairs]
+    return np.array([np.linalg.norm(each) for each in apart])
 
 
 def limit_overshoot(state: Floats, body: BodyArrays) -> Floats:
@@ -175,11 +172,8 @@ def gaits(name: str = CLASSIC, count: int = 100, place: Place = TASKS[0]) -> Fig
         lengths.append(len(track) - 1)
         if len(track) > 50:
             speeds.append(np.max(track[50:] - track[:-50]))
-    return {
-        "distance_200_steps": np.array(distances),
-        "best_1s_speed": np.array(speeds),
-        "length": np.array(lengths),
-    }
+    figures = {"distance_200_steps": distances, "best_1s_speed": speeds, "length": lengths}
+    return {name: np.array(values) for name, values in figures.items()}
 
 
 def full_torque(steps: int, seed: int = 0, task: tuple[float, float] = (1.5, 1.0)) -> Iterator[Figures]:

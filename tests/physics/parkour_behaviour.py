@@ -71,11 +71,8 @@ def hanging(name: str, grip: float, motors: float = 0.0, count: int = 20) -> Fig
         held = np.all(engine.grips[:, 1] != NOTHING)
         rows.append((held, bool(ended), ended[0] if ended else 101, dry().ceiling[0, 1] - y, x - begin))
     names = (
-        "still_attached_by_both_hands_after_100",
-        "fraction_terminated",
-        "first_terminal_step",
-        "head_distance_below_ceiling",
-        "head_x_displacement",
+        *("still_attached_by_both_hands_after_100", "fraction_terminated", "first_terminal_step"),
+        *("head_distance_below_ceiling", "head_x_displacement"),
     )
     return dict(zip(names, np.array(rows).T.astype(float), strict=True))
 
@@ -105,11 +102,8 @@ def table() -> Iterator[str]:
         for name in BODIES:
             yield f"| {protocol} | {name} | {cells(measured(protocol, 'parkour', name), measure(name))} |"
     for name in CLIMBERS:
-        for case, grip, motors in (
-            ("no grip", 0.0, 0.0),
-            ("grip", 1.0, 0.0),
-            ("grip and random motors", 1.0, 1.0),
-        ):
+        cases = (("no grip", 0.0, 0.0), ("grip", 1.0, 0.0), ("grip and random motors", 1.0, 1.0))
+        for case, grip, motors in cases:
             release = measured("hanging", "parkour", name, case)
             yield f"| {case} | {name} | {cells(release, hanging(name, grip, motors))} |"
     yield from _table_of_water()

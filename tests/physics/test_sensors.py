@@ -134,11 +134,8 @@ def test_a_sensor_touches_what_is_within_its_reach(swinging: bool) -> None:
         x = rng.uniform(0, 102)
         segment = world.ceiling[np.searchsorted(world.ceiling[:, 2], x)]
         share = (x - segment[0]) / (segment[2] - segment[0])
-        y = (
-            segment[1]
-            + share * (segment[3] - segment[1])
-            - rng.choice([rng.uniform(-0.1, 0.1), rng.uniform(0, 2)])
-        )
+        below = rng.choice([rng.uniform(-0.1, 0.1), rng.uniform(0, 2)])
+        y = segment[1] + share * (segment[3] - segment[1]) - below
         touched.append(graspable(x, y, REACH, world))
         assert touched[-1] == brute_force(x, y, shapes, world.ceiling)
     kinds = np.clip(touched, NOTHING, 0)

@@ -89,10 +89,8 @@ def of_an_edge(start: np.ndarray, end: np.ndarray, motion: np.ndarray) -> np.nda
 
 
 def resistance(outline: np.ndarray, motion: np.ndarray) -> np.ndarray:
-    return sum(
-        of_an_edge(start, end, motion)
-        for start, end in zip(outline, np.roll(outline, -1, axis=0), strict=True)
-    )
+    edges = zip(outline, np.roll(outline, -1, axis=0), strict=True)
+    return sum(of_an_edge(start, end, motion) for start, end in edges)
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.4, -1.3, 3.0])

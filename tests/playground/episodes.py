@@ -46,13 +46,8 @@ def episode(body: str, environment: str, seed: int, steps: int) -> dict[str, Any
         played.append({"state": state, "observation": observation.tolist(), "reward": reward, "ended": ended})
         if ended:
             break
-    return {
-        "terrain": world_record(terrain),
-        "push": push,
-        "actions": actions[: len(played)].tolist(),
-        "first": first,
-        "steps": played,
-    }
+    given = {"terrain": world_record(terrain), "push": push, "actions": actions[: len(played)].tolist()}
+    return given | {"first": first, "steps": played}
 
 
 def main(folder: str, episodes: str, steps: str, *bodies: str) -> None:

@@ -273,8 +273,10 @@ def test_cells_of_a_campaign_add_up_and_follow_their_run(store: Store) -> None:
     committer.write_cells("parkour", [b])
     rows = Results(store).table(Table.CELLS, columns=["campaign", "teacher", "run_id"]).to_pylist()
     assert [tuple(row.values()) for row in rows] == [
-        *(("parkour", "adr", "b"), ("stumps", "adr", "c")),
-        *(("stumps", "random", "d"), ("stumps", "riac", "a")),
+        ("parkour", "adr", "b"),
+        ("stumps", "adr", "c"),
+        ("stumps", "random", "d"),
+        ("stumps", "riac", "a"),
     ]
     with pytest.raises(ValueError, match="missing: seed"):
         committer.write_cells("stumps", [{k: v for k, v in a.items() if k != "seed"}])

@@ -87,8 +87,12 @@ def test_a_damaged_file_is_named_and_the_rest_loads(store: Store, damage: str) -
 
 
 LIES = [
-    *(("path", "../../secret.parquet"), ("path", "/etc/passwd"), ("path", "tables//episodes.parquet")),
-    *(("path", "..\\\\secret.parquet"), ("run_id", "../../somewhere"), ("run_id", "run-b")),
+    ("path", "../../secret.parquet"),
+    ("path", "/etc/passwd"),
+    ("path", "tables//episodes.parquet"),
+    ("path", "..\\\\secret.parquet"),
+    ("run_id", "../../somewhere"),
+    ("run_id", "run-b"),
 ]
 """Values of fields with which a manifest would lead elsewhere."""
 

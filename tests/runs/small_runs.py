@@ -30,22 +30,17 @@ STUDENTS: dict[str, dict[str, Any]] = {
 
 TEACHERS: dict[str, dict[str, Any]] = {
     "random": {},
-    "accel": {"buffer_size": 10},
+    **{name: {"buffer_size": 10} for name in ("accel", "plr", "robust_plr", "traced")},
+    **{name: {"fit_every": 20} for name in ("alp_gmm", "covar_gmm")},
+    **{name: {"first_update": 500, "update_every": 250} for name in ("spdl", "spgl")},
     "adr": {"queue_size": 3},
-    "alp_gmm": {"fit_every": 20},
-    "covar_gmm": {"fit_every": 20},
     "currot": {"particles": 20, "update_every": 10},
     "doraemon": {"update_every": 200},
-    "plr": {"buffer_size": 10},
     "riac": {"region_capacity": 20, "split_attempts": 5},
-    "robust_plr": {"buffer_size": 10},
     "sfl": {"candidates": 3, "rollouts": 2, "refresh_every": 15},
     "lp_acrl": {"cells": 4, "stage_episodes": 15},
     "perm": {"window_episodes": 15, "bumps": 5},
     "procurl_target": {"first_update": 200, "update_every": 200, "pool_size": 30},
-    "spgl": {"first_update": 500, "update_every": 250},
-    "traced": {"buffer_size": 10},
-    "spdl": {"first_update": 500, "update_every": 250},
     "goal_gan": {"train_every": 20, "iterations_per_task": 0.2, "pretraining_iterations": 10},
     "setter_solver": {"update_every": 20, "hidden_units": 8},
 }
@@ -71,16 +66,9 @@ def stump_tracks_spec(folder: Path, student: str, teacher: str, **changes: Any) 
 
 
 def _cell(environment: str, embodiment: str, student: str, teacher: str, tests: Path) -> Cell:
-    return Cell(
-        environment=environment,
-        embodiment=embodiment,
-        student=student,
-        teacher=teacher,
-        expert_knowledge=KnowledgeLevel.LOW,
-        teacher_hyperparameters=TEACHERS.get(teacher, {}),
-        student_hyperparameters=STUDENTS[student],
-        test_set=str(tests),
-    )
+    settings = {"teacher_hyperparameters": TEACHERS.get(teacher, {}), "test_set": str(tests)}
+    settings["student_hyperparameters"] = STUDENTS[student]
+    return Cell(environment, "original", embodiment, student, teacher, KnowledgeLevel.LOW, **settings)
 
 
 def data_files(root: str | Path) -> dict[str, bytes]:

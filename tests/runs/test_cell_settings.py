@@ -21,22 +21,15 @@ def spec_of(cell: Cell) -> RunSpec:
 
 def test_the_same_setting_gives_the_same_run_wherever_it_is_written() -> None:
     named = spec_of(Cell(teacher="alp_gmm:fit_every=100", student="sac:learning_rate=3e-4:batch_size=500"))
-    given = spec_of(
-        Cell(
-            teacher="alp_gmm",
-            student="sac:batch_size=500",
-            teacher_hyperparameters={"fit_every": 100},
-            student_hyperparameters={"learning_rate": 0.0003},
-        )
-    )
+    values = {"teacher_hyperparameters": {"fit_every": 100}}
+    values["student_hyperparameters"] = {"learning_rate": 0.0003}
+    given = spec_of(Cell(teacher="alp_gmm", student="sac:batch_size=500", **values))
     assert named.run_id == given.run_id
     assert named.teacher_hyperparameters["fit_every"] == 100
     assert named.student_hyperparameters["learning_rate"] == 3e-4
     record = named.record()
-    assert (record.teacher, record.student) == (
-        "alp_gmm:fit_every=100",
-        "sac:batch_size=500:learning_rate=0.0003",
-    )
+    assert record.teacher == "alp_gmm:fit_every=100"
+    assert record.student == "sac:batch_size=500:learning_rate=0.0003"
     assert RunSpec.from_dict(json.loads(record.spec)).run_id == named.run_id
 
 
@@ -61,12 +54,8 @@ def test_one_body_is_one_run_however_it_is_written() -> None:
 
 def test_every_setting_is_part_of_the_identity() -> None:
     cells = [
-        Cell(),
-        Cell(teacher="alp_gmm"),
-        Cell(teacher="alp_gmm:fit_every=100"),
-        Cell(student="ppo"),
-        Cell(student="ppo:gamma=0.9"),
-        Cell(space={"stump_height": (0, 0.3)}),
+        *(Cell(teacher=name) for name in ("random", "alp_gmm", "alp_gmm:fit_every=100")),
+        *(Cell(student="ppo"), Cell(student="ppo:gamma=0.9"), Cell(space={"stump_height": (0, 0.3)})),
         Cell("parkour", embodiment="fish"),
         Cell("parkour", embodiment="fish", environment_options={"swinging_creepers": True}),
     ]

@@ -23,13 +23,14 @@ Case = tuple[str, str, str]
 RunAndFolder = tuple[RunSpec, Path]
 
 CASES: tuple[Case, ...] = (
-    ("corridor", "ppo", "alp_gmm"),
-    ("corridor", "ppo", "odd_teachers:Examining"),
-    ("corridor", "sac", "odd_teachers:Examining"),
-    ("corridor", "sac", "alp_gmm"),
-    ("stump_tracks", "ppo", "alp_gmm"),
+    *(
+        ("corridor", student, name)
+        for student in ("ppo", "sac")
+        for name in ("alp_gmm", "odd_teachers:Examining")
+    ),
     ("corridor", "ppo", "odd_teachers:Scrutinising"),
     ("corridor", "sac", "spdl"),
+    ("stump_tracks", "ppo", "alp_gmm"),
     ("stump_tracks", "sac", "random"),
 )
 """Every teacher with both students is killed among the tests of chaos."""
@@ -115,7 +116,7 @@ DAMAGE: dict[str, Callable[[Path], object]] = {
     "index removed": lambda newest: (newest / "index.json").unlink(),
     "index truncated": lambda newest: (newest / "index.json").write_text("{"),
     "index leads out": lambda newest: rewrite(
-        newest / "index.json", lambda data: data.replace(b'"run.pickle"', b'"../run.pickle"')
+        newest / "index.json", lambda d: d.replace(b'"run.', b'"../run.')
     ),
     "removed": shutil.rmtree,
 }

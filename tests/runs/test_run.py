@@ -34,11 +34,8 @@ def test_training_windows_summarise_the_episodes(finished: Path) -> None:
     windows = rows(finished / "root", Table.TRAINING)
     assert sum(window["episodes"] for window in windows) == len(episodes)
     for window in windows:
-        returns = [
-            episode["episodic_return"]
-            for episode in episodes
-            if window["step"] - 1000 < episode["step"] <= window["step"]
-        ]
+        own = [each for each in episodes if window["step"] - 1000 < each["step"] <= window["step"]]
+        returns = [each["episodic_return"] for each in own]
         assert window["episodes"] == len(returns)
         assert window["mean_return"] == pytest.approx(np.mean(returns))
         assert window["std_return"] == pytest.approx(np.std(returns))
@@ -101,11 +98,9 @@ def test_returns_are_always_finite(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 def test_seeds_differ_and_zero_is_one(tmp_path: Path) -> None:
     first = small_spec(tmp_path, seed=0)
-    draws = {
-        int(np.random.default_rng(getattr(Streams.of(replace(first, seed=seed)), part)).integers(2**62))
-        for seed in (0, 1)
-        for part in ("teacher", "environment", "student")
-    }
+    streams = [Streams.of(replace(first, seed=seed)) for seed in (0, 1)]
+    parts = [getattr(each, name) for each in streams for name in ("teacher", "environment", "student")]
+    draws = {int(np.random.default_rng(part).integers(2**62)) for part in parts}
     assert len(draws) == 6
     with pytest.raises(ValueError, match="seed = -1"):
         replace(first, seed=-1)
@@ -126,28 +121,17 @@ def test_lock_step_equals_one_task_after_the_other(tmp_path: Path) -> None:
     assert together == [one_episode(environment, swing, task, seed) for task, seed in tasks]
 
 
-@pytest.mark.parametrize(
-    ("student", "teacher"),
-    [
-        ("ppo", "Inquisitive"),
-        ("ppo", "Scrutinising"),
-        pytest.param("sac", "Inquisitive", marks=pytest.mark.slow),
-        pytest.param("sac", "Scrutinising", marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.parametrize("student", ["ppo", pytest.param("sac", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("teacher", ["Inquisitive", "Scrutinising"])
 def test_queries_are_answered_without_disturbing_training(tmp_path: Path, student: str, teacher: str) -> None:
-    asked, silent = (
-        small_spec(tmp_path, student, teacher=name, steps=1_000)
-        for name in (f"odd_teachers:{teacher}", "random")
-    )
+    names = (f"odd_teachers:{teacher}", "random")
+    asked, silent = (small_spec(tmp_path, student, teacher=name, steps=1_000) for name in names)
     same_streams = replace(silent, plugins={})
     vars(asked)["entropy"] = vars(same_streams)["entropy"] = 1
     run(asked, tmp_path / "asked")
     run(same_streams, tmp_path / "silent")
-    returns, undisturbed = (
-        [row["episodic_return"] for row in rows(tmp_path / name, Table.EPISODES)]
-        for name in ("asked", "silent")
-    )
+    episodes = (rows(tmp_path / name, Table.EPISODES) for name in ("asked", "silent"))
+    returns, undisturbed = ([row["episodic_return"] for row in each] for each in episodes)
     assert returns == undisturbed
     if teacher == "Scrutinising":  # which logs how many of its queries have been answered
         heard = [dict(row["scalars"])["heard"] for row in rows(tmp_path / "asked", Table.TEACHER_LOG)]

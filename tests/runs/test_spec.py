@@ -66,10 +66,8 @@ def test_what_a_challenge_does_to_a_run_is_part_of_its_spec() -> None:
     forgetting, rugged = spec_of(challenge="forgetting_student"), spec_of(challenge="rugged_difficulty")
     assert (forgetting.resets, forgetting.cuts) == ((350, 700), 0)
     assert (rugged.resets, rugged.cuts) == ((), 4)
-    assert effective_spec(Cell(challenge="forgetting_student"), 0, Schedule()).resets == (
-        7_000_000,
-        14_000_000,
-    )
+    forgetting = effective_spec(Cell(challenge="forgetting_student"), 0, Schedule())
+    assert forgetting.resets == (7_000_000, 14_000_000)
     for spec in (forgetting, rugged):
         again = RunSpec.from_dict(json.loads(json.dumps(spec.to_dict())))
         assert (again.run_id, again.resets, again.cuts) == (spec.run_id, spec.resets, spec.cuts)
@@ -115,10 +113,8 @@ def test_every_teacher_runs_on_every_challenge_or_is_refused_for_its_knowledge(c
 def test_a_teacher_without_its_knowledge_is_refused_by_name() -> None:
     with pytest.raises(ValueError, match="'odd_teachers:NeedsLow' cannot run with expert knowledge 'none'"):
         spec_of(teacher="odd_teachers:NeedsLow")
-    assert (
-        spec_of(teacher="odd_teachers:NeedsLow", expert_knowledge=KnowledgeLevel.HIGH).expert_knowledge
-        == "low"
-    )
+    high = spec_of(teacher="odd_teachers:NeedsLow", expert_knowledge=KnowledgeLevel.HIGH)
+    assert high.expert_knowledge == "low"
     plugins = spec_of(teacher="odd_teachers:NeedsLow", expert_knowledge=KnowledgeLevel.LOW).plugins
     assert {part: plugin.module for part, plugin in plugins.items()} == {"teacher": "odd_teachers"}
 

@@ -23,6 +23,18 @@ def write(root: Path, files: dict[str, str]) -> Path:
     return root
 
 
+def limits(groups: str, files: dict[str, str]) -> dict[str, str]:
+    """Return the files of control groups, of version 1 or 2."""
+    return {"proc/self/cgroup": groups} | {
+        f"sys/fs/cgroup/{name}": f"{text}\n" for name, text in files.items()
+    }
+
+
+def quota(controller: str, cores: int) -> dict[str, str]:
+    values = {"quota": cores * 100_000, "period": 100_000}
+    return {f"{controller}/cpu.cfs_{name}_us": str(value) for name, value in values.items()}
+
+
 def test_are_those_of_the_affinity(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     give(monkeypatch, 3)
     monkeypatch.setattr(os, "cpu_count", lambda: 128)
@@ -38,36 +50,18 @@ def test_are_all_where_there_is_no_affinity(monkeypatch: pytest.MonkeyPatch, tmp
 @pytest.mark.parametrize(
     ("files", "cores"),
     [
-        ({"proc/self/cgroup": "0::/\n", "sys/fs/cgroup/cpu.max": "250000 100000\n"}, 2),
-        ({"proc/self/cgroup": "0::/\n", "sys/fs/cgroup/cpu.max": "20000 100000\n"}, 1),
-        ({"proc/self/cgroup": "0::/\n", "sys/fs/cgroup/cpu.max": "max 100000\n"}, 8),
-        ({"proc/self/cgroup": "0::/\n", "sys/fs/cgroup/cpu.max": "1600000 100000\n"}, 8),
+        (limits("0::/\n", {"cpu.max": "250000 100000"}), 2),
+        (limits("0::/\n", {"cpu.max": "20000 100000"}), 1),
+        (limits("0::/\n", {"cpu.max": "max 100000"}), 8),
+        (limits("0::/\n", {"cpu.max": "1600000 100000"}), 8),
+        (limits("0::/jobs/one\n", {"jobs/cpu.max": "300000 100000", "jobs/one/cpu.max": "max 100000"}), 3),
         (
-            {
-                "proc/self/cgroup": "0::/jobs/one\n",
-                "sys/fs/cgroup/jobs/cpu.max": "300000 100000\n",
-                "sys/fs/cgroup/jobs/one/cpu.max": "max 100000\n",
-            },
-            3,
-        ),
-        (
-            {
-                "proc/self/cgroup": "5:cpuset:/docker/a\n4:cpu,cpuacct:/docker/a\n0::/\n",
-                "sys/fs/cgroup/cpu/cpu.cfs_quota_us": "400000\n",
-                "sys/fs/cgroup/cpu/cpu.cfs_period_us": "100000\n",
-                "sys/fs/cgroup/cpuset/cpu.cfs_quota_us": "100000\n",
-                "sys/fs/cgroup/cpuset/cpu.cfs_period_us": "100000\n",
-            },
+            limits(
+                "5:cpuset:/docker/a\n4:cpu,cpuacct:/docker/a\n0::/\n", quota("cpu", 4) | quota("cpuset", 1)
+            ),
             4,
         ),
-        (
-            {
-                "proc/self/cgroup": "4:cpu:/\n",
-                "sys/fs/cgroup/cpu/cpu.cfs_quota_us": "-1\n",
-                "sys/fs/cgroup/cpu/cpu.cfs_period_us": "100000\n",
-            },
-            8,
-        ),
+        (limits("4:cpu:/\n", quota("cpu", 4) | {"cpu/cpu.cfs_quota_us": "-1"}), 8),
     ],
     ids=["v2", "v2 under a core", "v2 without", "v2 above", "v2 around", "v1", "v1 without"],
 )

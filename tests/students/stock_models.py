@@ -44,28 +44,14 @@ def convert(model, dtype) -> None:
 
 
 def ppo(hyper: PPOHyperparameters, dtype) -> stable_baselines3.PPO:
-    model = stable_baselines3.PPO(
-        "MlpPolicy",
-        world(),
-        learning_rate=hyper.learning_rate,
-        n_steps=hyper.steps_per_update,
-        batch_size=hyper.batch_size,
-        n_epochs=hyper.epochs,
-        clip_range=hyper.clip_range,
-        clip_range_vf=hyper.value_clip_range,
-        ent_coef=hyper.entropy_coefficient,
-        vf_coef=hyper.value_coefficient,
-        max_grad_norm=hyper.max_gradient_norm,
-        policy_kwargs={
-            "net_arch": [],
-            "features_extractor_class": Trunk,
-            "features_extractor_kwargs": {
-                "hidden_units": hyper.layout(OBSERVATION, ACTION).sizes[1:-1],
-                "activation": hyper.activation,
-            },
-        },
-        device="cpu",
-    )
+    sizes = {"n_steps": hyper.steps_per_update, "batch_size": hyper.batch_size, "n_epochs": hyper.epochs}
+    clips = {"clip_range": hyper.clip_range, "clip_range_vf": hyper.value_clip_range}
+    weights = {"ent_coef": hyper.entropy_coefficient, "vf_coef": hyper.value_coefficient}
+    rates = {"learning_rate": hyper.learning_rate, "max_grad_norm": hyper.max_gradient_norm}
+    trunk = {"hidden_units": hyper.layout(OBSERVATION, ACTION).sizes[1:-1], "activation": hyper.activation}
+    network = {"net_arch": [], "features_extractor_class": Trunk, "features_extractor_kwargs": trunk}
+    options = {**sizes, **clips, **weights, **rates, "policy_kwargs": network}
+    model = stable_baselines3.PPO("MlpPolicy", world(), device="cpu", **options)
     convert(model, dtype)
     if hyper.separate_trunks:
         flat = ppo_parameters(model)
@@ -85,15 +71,10 @@ def ppo_parameters(model) -> FlatParameters:
 
 
 def sac(hyper: SACHyperparameters, dtype) -> stable_baselines3.SAC:
+    rates = {"learning_rate": hyper.learning_rate, "tau": hyper.target_rate}
+    network = {"policy_kwargs": {"net_arch": list(hyper.hidden_units)}, "ent_coef": hyper.entropy_coefficient}
     model = stable_baselines3.SAC(
-        POLICIES[hyper.log_std],
-        world(),
-        learning_rate=hyper.learning_rate,
-        tau=hyper.target_rate,
-        ent_coef=hyper.entropy_coefficient,
-        buffer_size=1,
-        policy_kwargs={"net_arch": list(hyper.hidden_units)},
-        device="cpu",
+        POLICIES[hyper.log_std], world(), buffer_size=1, device="cpu", **rates, **network
     )
     convert(model, dtype)
     model.ent_coef_tensor = model.ent_coef_tensor.to(dtype)

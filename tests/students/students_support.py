@@ -17,13 +17,8 @@ from tma_ray.support.component_names import base_name
 
 OURS = ("ppo", "sac")
 
-OFF_POLICY = {
-    "policy_kwargs": {"net_arch": [16, 8]},
-    "buffer_size": 150,
-    "batch_size": 20,
-    "learning_starts": 60,
-    "train_freq": 10,
-}
+OFF_POLICY = {"buffer_size": 150, "batch_size": 20, "learning_starts": 60, "train_freq": 10}
+OFF_POLICY["policy_kwargs"] = {"net_arch": [16, 8]}
 
 SMALL: dict[str, dict[str, Any]] = {
     "ppo": {"hidden_units": [16, 8], "steps_per_update": 50, "batch_size": 25, "epochs": 2},

@@ -35,12 +35,8 @@ def test_acting_never_lags_behind_the_policy(name, tmp_path):
         return actions
 
     train(student, Drift(), 70)  # past the uniform actions of SAC
-    changes = (
-        lambda: train(student, Drift(), 60),
-        student.reset,
-        lambda: train(student, Drift(), 60),
-        lambda: student.load(tmp_path),
-    )
+    learn = lambda: train(student, Drift(), 60)  # noqa: E731
+    changes = (learn, student.reset, learn, lambda: student.load(tmp_path))
     student.save(tmp_path)
     for change in changes:
         before = student.act_greedily(OBSERVATIONS)

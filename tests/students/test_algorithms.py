@@ -60,12 +60,11 @@ def test_a_missing_package_is_named(monkeypatch):
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("pp", "known: ppo, sac, stock:ppo, stock:sac"),
-        ("PPO", "known: ppo, sac, stock:ppo, stock:sac"),
+        *((name, "known: ppo, sac, stock:ppo, stock:sac") for name in ("pp", "PPO")),
         ("TQX", "did you mean 'TQC'"),
+        ("TD", "did you mean 'TD3'"),
         ("stock:pp", "did you mean 'stock:ppo'"),
         ("stock:ac", "did you mean 'stock:sac'"),
-        ("TD", "did you mean 'TD3'"),
     ],
 )
 def test_unknown_names_have_their_nearest(name, message):

@@ -45,15 +45,9 @@ def rollouts(model, dtype, batch_size: int = 40) -> list[RolloutBufferSamples]:
 @pytest.mark.parametrize("value_clip_range", [0.2, None])
 @pytest.mark.parametrize("max_gradient_norm", [0.05, 50.0])
 def test_ppo_equals_stock_after_ten_updates(dtype, tolerance, value_clip_range, max_gradient_norm):
-    hyper = PPOHyperparameters(
-        hidden_units=(40, 30),
-        steps_per_update=40,
-        batch_size=40,
-        epochs=1,
-        entropy_coefficient=0.01,
-        value_clip_range=value_clip_range,
-        max_gradient_norm=max_gradient_norm,
-    )
+    sizes = {"hidden_units": (40, 30), "steps_per_update": 40, "batch_size": 40, "epochs": 1}
+    clips = {"value_clip_range": value_clip_range, "max_gradient_norm": max_gradient_norm}
+    hyper = PPOHyperparameters(entropy_coefficient=0.01, **sizes, **clips)
     model, stock = ppo(hyper, dtype), ppo(hyper, dtype)
     stock.policy.load_state_dict(model.policy.state_dict())
     initial = ppo(hyper, dtype)
@@ -78,13 +72,10 @@ def sac_update(model, hyper: SACHyperparameters) -> SACUpdate:
 
 
 def transitions(dtype, batch_size: int = 50) -> ReplayBufferSamples:
-    return ReplayBufferSamples(
-        random(batch_size, OBSERVATION, dtype=dtype),
-        random(batch_size, ACTION, dtype=dtype).tanh(),
-        random(batch_size, OBSERVATION, dtype=dtype),
-        (random(batch_size, 1, dtype=dtype) > 1).to(dtype),
-        random(batch_size, 1, dtype=dtype),
+    first, actions, following, dones, rewards = (
+        random(batch_size, columns, dtype=dtype) for columns in (OBSERVATION, ACTION, OBSERVATION, 1, 1)
     )
+    return ReplayBufferSamples(first, actions.tanh(), following, (dones > 1).to(dtype), rewards)
 
 
 @DTYPES

@@ -165,14 +165,8 @@ HOSTILE_TENSORS = {
     "a folder": (lambda path: (path.unlink(), path.mkdir()), "does not exist"),
     "empty": (bytes_changed(lambda _: b""), UNSOUND),
     "truncated": (bytes_changed(lambda content: content[:-10]), UNSOUND),
-    "header beyond the file": (
-        bytes_changed(lambda content: struct.pack("<Q", 2**62) + content[8:]),
-        UNSOUND,
-    ),
-    "header a little too long": (
-        bytes_changed(lambda content: struct.pack("<Q", len(content)) + content[8:]),
-        UNSOUND,
-    ),
+    "header beyond the file": (bytes_changed(lambda data: struct.pack("<Q", 2**62) + data[8:]), UNSOUND),
+    "header too long": (bytes_changed(lambda data: struct.pack("<Q", len(data)) + data[8:]), UNSOUND),
     "data beyond the file": (bias_changed(lambda _: {"data_offsets": [0, 2**40]}), UNSOUND),
     "data that overlaps": (bias_changed(lambda header: header["hidden.0.bias"]), UNSOUND),
     "a type that numpy lacks": (bias_changed(lambda _: {"dtype": "F8_E4M3", "shape": [8]}), UNSOUND),
@@ -214,6 +208,12 @@ def settings(hyper: dict[str, Any] | None = None, **changes: Any) -> Callable[[P
 
 
 BOUNDS = {"low": [-1.0, -1.0], "high": [1.0, 1.0]}
+
+
+def network(**options: Any) -> Callable[[Path], None]:
+    return settings({"policy_kwargs": options})
+
+
 HOSTILE_SETTINGS = {
     "absent": ("ppo", Path.unlink, "does not exist"),
     "truncated": ("ppo", bytes_changed(lambda content: content[:-20]), "damaged: Input data was truncated"),
@@ -241,17 +241,9 @@ HOSTILE_SETTINGS = {
     "sizes beyond memory": ("ppo", settings({"hidden_units": [10**12, 10**12]}), "expected float32"),
     "no clip": ("ppo", settings({"observation_clip": "10"}), "observation_clip = '10'"),
     "an unknown hyper-parameter": ("TD3", settings({"gama": 1}), "did you mean 'gamma'"),
-    "networks beyond memory": (
-        "TD3",
-        settings({"policy_kwargs": {"net_arch": [20_000, 20_000]}}),
-        "more than 100,000,000 parameters",
-    ),
-    "a class by its name": (
-        "TD3",
-        settings({"policy_kwargs": {"features_extractor_class": "os.system"}}),
-        "no TD3 can be made",
-    ),
-    "other networks": ("TD3", settings({"policy_kwargs": {"net_arch": [16, 16]}}), r"'actor\.mu"),
+    "networks beyond memory": ("TD3", network(net_arch=[20_000] * 2), "more than 100,000,000 parameters"),
+    "a class by its name": ("TD3", network(features_extractor_class="os.system"), "no TD3 can be made"),
+    "other networks": ("TD3", network(net_arch=[16, 16]), r"'actor\.mu"),
 }
 
 

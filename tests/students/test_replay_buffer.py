@@ -18,14 +18,9 @@ def stream(rng: np.random.Generator, count: int, ending: float):
     for _ in range(count):
         following = rng.normal(size=3).astype(np.float32)
         end = rng.random()
-        yield Transition(
-            observation,
-            rng.uniform(-1, 1, 2).astype(np.float32),
-            float(np.float32(rng.normal())),
-            following,
-            terminated=end < ending / 3,
-            truncated=ending / 3 <= end < 2 * ending / 3,
-        )
+        action, reward = rng.uniform(-1, 1, 2).astype(np.float32), float(np.float32(rng.normal()))
+        terminated, truncated = end < ending / 3, ending / 3 <= end < 2 * ending / 3
+        yield Transition(observation, action, reward, following, terminated, truncated)
         observation = rng.normal(size=3).astype(np.float32) if end < ending else following
 
 

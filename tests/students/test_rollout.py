@@ -33,14 +33,8 @@ def test_returns_and_advantages_equal_stable_baselines3_to_the_last_bit(last_end
     for index in range(steps):
         start = np.array([index == 0 or ended[index - 1]])
         value, probability = (torch.tensor([column[index]]) for column in (values, log_probabilities))
-        stock.add(
-            ours.observations[None, index],
-            ours.actions[None, index],
-            ours.rewards[None, index],
-            start,
-            value,
-            probability,
-        )
+        seen = (each[None, index] for each in (ours.observations, ours.actions, ours.rewards))
+        stock.add(*seen, start, value, probability)
     stock.compute_returns_and_advantage(torch.tensor([[0.3]]), dones=np.array([last_ended]))
     ours.finish(0.3, gamma=0.99, gae_lambda=0.95)
     np.testing.assert_array_equal(ours.advantages, stock.advantages[:, 0])

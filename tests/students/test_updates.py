@@ -29,29 +29,17 @@ def assert_same_networks(student, stock, atol: float = 1e-7) -> None:
         np.testing.assert_allclose(ours, theirs[name].numpy(), rtol=1e-6, atol=atol, err_msg=name)
 
 
-SHARED = {
-    "net_arch": [],
-    "activation_fn": nn.ReLU,
-    "features_extractor_class": Trunk,
-    "features_extractor_kwargs": {"hidden_units": (16, 8)},
-}
+SHARED = {"net_arch": [], "activation_fn": nn.ReLU, "features_extractor_class": Trunk}
+SHARED["features_extractor_kwargs"] = {"hidden_units": (16, 8)}
 SEPARATE = {"net_arch": {"pi": [16, 8], "vf": [16, 8]}, "activation_fn": nn.Tanh}
 
 
 def stock_ppo(student, policy_kwargs: dict[str, object]) -> stable_baselines3.PPO:
     """Return stable-baselines3's PPO on `Drift`, normalised, with the initial networks of `student`."""
-    stock = stable_baselines3.PPO(
-        "MlpPolicy",
-        VecNormalize(DummyVecEnv([lambda: Drift(seed=1, limit=None)])),
-        learning_rate=0.01,
-        n_steps=50,
-        batch_size=25,
-        n_epochs=2,
-        clip_range=0.02,
-        clip_range_vf=0.05,
-        policy_kwargs=policy_kwargs,
-        device="cpu",
-    )
+    env = VecNormalize(DummyVecEnv([lambda: Drift(seed=1, limit=None)]))
+    sizes = {"n_steps": 50, "batch_size": 25, "n_epochs": 2, "policy_kwargs": policy_kwargs}
+    rates = {"learning_rate": 0.01, "clip_range": 0.02, "clip_range_vf": 0.05}
+    stock = stable_baselines3.PPO("MlpPolicy", env, device="cpu", **sizes, **rates)
     stock.policy.load_state_dict(stock_parameters(student, policy_kwargs))
     return stock
 
@@ -108,11 +96,8 @@ def test_ppo_learns_what_stable_baselines3_learns(name, policy_kwargs, values, m
     for key, ours in stock_parameters(student, policy_kwargs).items():
         np.testing.assert_allclose(ours, expected[key].numpy(), rtol=1e-6, atol=1e-7, err_msg=key)
     assert differ(initial, parameters(student))
-    np.testing.assert_allclose(
-        student.normaliser.normalise(np.ones(3, np.float32)),
-        stock.env.normalize_obs(np.ones(3, np.float32)),
-        rtol=1e-6,
-    )
+    ones = np.ones(3, np.float32)
+    np.testing.assert_allclose(student.normaliser.normalise(ones), stock.env.normalize_obs(ones), rtol=1e-6)
 
 
 class ReplayedSAC(stable_baselines3.SAC):
@@ -128,18 +113,9 @@ def test_sac_learns_what_stable_baselines3_learns(log_std, monkeypatch):
     student = small_student("sac", seed=3, buffer_size=1000, updates="interleaved", log_std=log_std.value)
     _, batches = generators(3)
     env = TimeLimit(Drift(seed=1, limit=None), 17)
-    stock = ReplayedSAC(
-        POLICIES[log_std],
-        env,
-        learning_rate=1e-3,
-        buffer_size=1000,
-        learning_starts=60,
-        batch_size=20,
-        train_freq=10,
-        ent_coef=0.005,
-        policy_kwargs={"net_arch": [16, 8]},
-        device="cpu",
-    )
+    sizes = {"buffer_size": 1000, "learning_starts": 60, "batch_size": 20, "train_freq": 10}
+    others = {"learning_rate": 1e-3, "ent_coef": 0.005, "policy_kwargs": {"net_arch": [16, 8]}}
+    stock = ReplayedSAC(POLICIES[log_std], env, device="cpu", **sizes, **others)
     stock.set_parameters(student.model.get_parameters())
     stream = student._torch_stream.state[0].clone()
     transitions = train(student, TimeLimit(Drift(seed=1, limit=None), 17), 200)

@@ -9,15 +9,11 @@ from __future__ import annotations
 
 import pytest
 
+ON_CLUSTERS = ("campaign", "cohorts", "preflight", "retries", "seeing")
+RUN_FROM_PAGES = ("pages", "help_examples")
+
 SERVICES: dict[str, tuple[str, ...]] = {
-    "cluster": (
-        "tests/campaign/test_campaign.py",
-        "tests/campaign/test_cohorts.py",
-        "tests/campaign/test_preflight.py",
-        "tests/campaign/test_retries.py",
-        "tests/campaign/test_seeing.py",
-        "tests/campaign/test_shared_curriculum.py",
-    ),
+    "cluster": tuple(f"tests/campaign/test_{name}.py" for name in ON_CLUSTERS),
     "browser": (
         "tests/documentation/test_site_in_a_browser.py",
         "tests/analysis/test_pages_in_a_browser.py",
@@ -26,13 +22,9 @@ SERVICES: dict[str, tuple[str, ...]] = {
     ),
     "s3_server": (
         "tests/analysis/test_baselines.py",
-        "tests/object_stores/test_s3_campaign.py",
-        "tests/object_stores/test_s3_runs.py",
-        "tests/object_stores/test_s3_store.py",
+        *(f"tests/object_stores/test_s3_{name}.py" for name in ("campaign", "runs", "store")),
     ),
-    "documented": tuple(
-        f"tests/documentation/test_{name}.py" for name in ("pages", "help_examples", "campaigns")
-    ),
+    "documented": tuple(f"tests/documentation/test_{name}.py" for name in RUN_FROM_PAGES),
 }
 """Modules that share a service or a campaign, by the name of its fixture, longest modules first."""
 

@@ -45,15 +45,10 @@ class ObjectServer:
         url = self.process.stdout.readline().strip()
         assert url, "the S3 server did not start"
         urllib.request.urlopen(urllib.request.Request(f"{url}/{self.bucket}", method="PUT"))
-        self.environment = {
-            "AWS_ACCESS_KEY_ID": "testing",
-            "AWS_SECRET_ACCESS_KEY": "a-secret/of-the/tests",
-            "AWS_REGION": "us-east-1",
-            "AWS_ENDPOINT_URL": url,
-            "AWS_EC2_METADATA_DISABLED": "true",
-            "AWS_CONFIG_FILE": NOWHERE,
-            "AWS_SHARED_CREDENTIALS_FILE": NOWHERE,
-        }
+        keys = {"ACCESS_KEY_ID": "testing", "SECRET_ACCESS_KEY": "a-secret/of-the/tests"}
+        place = {"REGION": "us-east-1", "ENDPOINT_URL": url, "EC2_METADATA_DISABLED": "true"}
+        files = dict.fromkeys(("CONFIG_FILE", "SHARED_CREDENTIALS_FILE"), NOWHERE)
+        self.environment = {f"AWS_{name}": value for name, value in (keys | place | files).items()}
         return self
 
     def __exit__(

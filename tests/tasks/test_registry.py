@@ -68,6 +68,8 @@ def test_an_installed_package_offers_names_through_entry_points(
     assert registry.names() == ["fraction", "square"]
 
 
+BESIDE = "import tma_ray.tasks, not_there, lab_N.envs.maze\n"
+
 LAB = {
     "lab_N/__init__.py": "",
     "lab_N/unrelated.py": "import antigravity\n",
@@ -75,7 +77,7 @@ LAB = {
     "lab_N/envs/maze.py": "from ..tools import walls\nfrom . import doors\nimport numpy\n",
     "lab_N/envs/doors.py": "HEIGHT = 2\n",
     "lab_N/tools/walls.py": "def late():\n    import beside_N\n",
-    "beside_N.py": "import tma_ray.tasks, not_there, lab_N.envs.maze\n",
+    "beside_N.py": BESIDE,
     "plain_N.py": "import beside_N as other\n",
 }
 """Relative and absolute imports, some inside functions, a folder without __init__.py, and a circle."""
@@ -104,16 +106,12 @@ def write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Write:
 
 def test_a_plugin_is_what_its_module_imports_of_the_users_own(write: Write) -> None:
     number = write(LAB)
-    files = {
-        module: {path.replace(f"_{number}", "_N") for path in PluginSource.of(module).files}
-        for module in (f"lab_{number}.envs.maze", f"plain_{number}", f"lab_{number}.envs.doors")
-    }
+    modules = (f"lab_{number}.envs.maze", f"plain_{number}", f"lab_{number}.envs.doors")
+    paths = [PluginSource.of(module).files for module in modules]
+    files = [{path.replace(f"_{number}", "_N") for path in each} for each in paths]
     maze = set(LAB) - {"lab_N/unrelated.py", "plain_N.py"}
-    assert list(files.values()) == [
-        maze,
-        maze | {"plain_N.py"},
-        {"lab_N/__init__.py", "lab_N/envs/__init__.py", "lab_N/envs/doors.py"},
-    ]
+    doors = {"lab_N/__init__.py", "lab_N/envs/__init__.py", "lab_N/envs/doors.py"}
+    assert files == [maze, maze | {"plain_N.py"}, doors]
 
 
 @pytest.mark.parametrize(
@@ -124,17 +122,9 @@ def test_a_plugin_is_what_its_module_imports_of_the_users_own(write: Write) -> N
         ("beside_N.py", "x = 1\n", True),
         ("lab_N/unrelated.py", "x = 1\n", False),
         ("lab_N/readme.txt", "x", False),
-        (
-            "beside_N.py",
-            LAB["beside_N.py"] + "if __name__ == '__main__':\n    import sys\n    # end\n",
-            False,
-        ),
-        ("beside_N.py", "if '__main__' == __name__:\n    ...\n" + LAB["beside_N.py"], False),
-        (
-            "beside_N.py",
-            LAB["beside_N.py"] + "if __name__ == '__main__':\n    x = 1\nelse:\n    x = 2\n",
-            True,
-        ),
+        ("beside_N.py", f"{BESIDE}if __name__ == '__main__':\n    import sys\n    # end\n", False),
+        ("beside_N.py", f"if '__main__' == __name__:\n    ...\n{BESIDE}", False),
+        ("beside_N.py", f"{BESIDE}if __name__ == '__main__':\n    x = 1\nelse:\n    x = 2\n", True),
     ],
 )
 def test_the_digest_tells_edits_apart(write: Write, path: str, text: str, is_another: bool) -> None:

@@ -161,9 +161,6 @@ def test_grounds_are_as_steep_and_as_far(box: str, heights: tuple[np.ndarray, np
 
 
 def test_tracks_start_at_the_same_heights(release) -> None:
-    for outline, figure in zip(
-        outlines(np.zeros(3, np.float32), DELTA, CPPN.load()),
-        ("ground_at_start", "ceiling_at_start"),
-        strict=True,
-    ):
+    found = outlines(np.zeros(3, np.float32), DELTA, CPPN.load())
+    for outline, figure in zip(found, ("ground_at_start", "ceiling_at_start"), strict=True):
         assert outline[STARTPAD_STEPS] == pytest.approx(release["all", figure], abs=1e-4)

@@ -27,18 +27,11 @@ def world(
         return np.column_stack([ends[:-1], values[:-1], ends[1:], values[1:]])
 
     hanging = np.zeros((1, 4)) if creepers is None else creepers
-    return Terrain(
-        solids=np.empty((0, 4, 2)),
-        friction=2.5,
-        surface=segments(ground),
-        spawn=np.array([10 * TERRAIN_STEP, GROUND_HEIGHT]),
-        goal_x=GOAL_X,
-        ground_solids=0,
-        ceiling=segments(ceiling),
-        creepers=hanging,
-        holders=np.full(len(hanging), FIXED),
-        water_y=GROUND_HEIGHT + water,
-    )
+    outlines = {"solids": np.empty((0, 4, 2)), "surface": segments(ground), "ceiling": segments(ceiling)}
+    creeping = {"creepers": hanging, "holders": np.full(len(hanging), FIXED)}
+    spawn, water_y = np.array([10 * TERRAIN_STEP, GROUND_HEIGHT]), GROUND_HEIGHT + water
+    rest = {"friction": 2.5, "spawn": spawn, "goal_x": GOAL_X, "ground_solids": 0, "water_y": water_y}
+    return Terrain(**outlines, **creeping, **rest)
 
 
 def ramp(height: float, first: int, steps: int) -> np.ndarray:

@@ -155,13 +155,10 @@ def test_the_table_shows_intervals_sharing_and_refusals() -> None:
 
 def test_marks_are_those_after_holm() -> None:
     """Three pairs have p = 0.036 (t = 2.5 / (0.85 / sqrt 3)) alone, and 0.073 as a family of two."""
+    levels = {"expert_knowledge": "none", "effective_knowledge": "none"}
     rows = [
         {"teacher": teacher, "challenge": "original", "seed": seed, "before_reset": np.nan}
-        | {
-            "expert_knowledge": "none",
-            "effective_knowledge": "none",
-            "mastered_percent": mean + seed * spread,
-        }
+        | {**levels, "mastered_percent": mean + seed * spread}
         for teacher, mean, spread in (("random", -1.0, 1.0), ("one", 2.35, 0.15), ("other", 2.35, 0.15))
         for seed in range(3)
     ]

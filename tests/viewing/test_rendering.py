@@ -159,11 +159,11 @@ def test_tasks() -> None:
     ("task", "message"),
     [
         ("1,7", "spacing = 7 is outside"),
+        ("width=1", "no dimension 'width'"),
         ("height=nan", "'nan': expected a number"),
+        ("height=tall", "'tall': expected a number"),
         ("1", "expected 2 numbers"),
         ("1,2,3", "expected 2 numbers"),
-        ("width=1", "no dimension 'width'"),
-        ("height=tall", "'tall': expected a number"),
     ],
 )
 def test_tasks_that_are_none(task: str, message: str) -> None:

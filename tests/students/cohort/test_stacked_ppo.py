@@ -31,10 +31,7 @@ def epochs_of(rollout: tuple[np.ndarray, ...], orders: np.ndarray) -> list[list[
 )
 def test_every_slot_equals_stock_after_ten_updates(values):
     changes = {**values, "epochs": 5, "entropy_coefficient": 0.01}
-    hyper, stacked = (
-        PPOHyperparameters(**{**PPO.values, **changes}),
-        PPO.learner(changes, dtype=torch.float64),
-    )
+    hyper, stacked = PPOHyperparameters(**PPO.values | changes), PPO.learner(changes, dtype=torch.float64)
     for slot in range(WIDTH):
         enter(PPO, stacked, slot, run=slot)
         PPO.learn(stacked, slot, slot, epochs=5)

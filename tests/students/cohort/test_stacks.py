@@ -128,11 +128,8 @@ def episode(rng, length, start=None):
     observations = rng.normal(size=(length + 1, 2)).astype(np.float32)
     if start is not None:
         observations[0] = start
-    return (
-        observations,
-        rng.uniform(-1, 1, (length, 1)).astype(np.float32),
-        rng.normal(size=length).astype("f4"),
-    )
+    actions = rng.uniform(-1, 1, (length, 1)).astype(np.float32)
+    return observations, actions, rng.normal(size=length).astype("f4")
 
 
 def listed(observations, actions, rewards, terminated):
