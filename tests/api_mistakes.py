@@ -1,7 +1,5 @@
 """Calls with a mistake, and the expected errors: type and part of the message, by call."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 ACCEPTED = (

@@ -1,7 +1,5 @@
 """Mistakes in calls from Python: each is refused where it is made, in a sentence that names it."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 from typing import Any

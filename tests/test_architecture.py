@@ -1,7 +1,5 @@
 """The structure of the house: no import circles, no shadowed modules, readable modules and functions."""
 
-from __future__ import annotations
-
 import ast
 import re
 from collections import Counter

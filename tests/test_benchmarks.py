@@ -1,7 +1,5 @@
 """Every benchmark script parses its command line, and runs to its end with its smallest arguments."""
 
-from __future__ import annotations
-
 import json
 import os
 import runpy
@@ -22,7 +20,6 @@ GATHERED = set(runpy.run_path(str(FOLDER / "run_all.py"))["SMALLEST"])
 """Scripts that `run_all.py` runs."""
 
 SHORT_RUNS = "--steps 200 --yes --local --teacher-placement inline --results results"
-
 IN_A_MOMENT = "--results results --processes 1 --order 0:1 --minutes 0.2"
 
 STOPPED = "0/1 runs done, 1 stopped"

@@ -1,7 +1,5 @@
 """The examples keep what tma_ray's own parts promise; tests/campaign runs them on a cluster."""
 
-from __future__ import annotations
-
 import importlib
 import sys
 from pathlib import Path

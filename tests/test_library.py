@@ -1,7 +1,5 @@
 """Runs and campaigns as functions of the package."""
 
-from __future__ import annotations
-
 from importlib.util import find_spec
 from pathlib import Path
 

@@ -9,7 +9,6 @@ import pytest
 from suite.processes import python
 
 LEARNING = frozenset({"torch", "stable_baselines3"})
-
 PLOTTING = frozenset({"matplotlib", "pygame"})
 
 

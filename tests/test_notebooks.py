@@ -1,7 +1,5 @@
 """The notebooks run from top to bottom on a release and the dataset beside them; none has outputs."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import sys

@@ -1,7 +1,5 @@
 """The rules of the pilot for the long runs, on curves whose last three evaluations are given."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType

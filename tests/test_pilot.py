@@ -1,7 +1,5 @@
 """The rules of the pilot, on curves whose areas are known."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from types import ModuleType
 

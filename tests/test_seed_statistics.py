@@ -1,7 +1,5 @@
 """Statistics of seeds that benchmarks use: closed forms, the distribution of draws, coverage of intervals."""
 
-from __future__ import annotations
-
 import math
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Fixtures: a campaign of synthetic runs, and a function that runs commands."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

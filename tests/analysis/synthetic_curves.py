@@ -1,7 +1,5 @@
 """Synthetic learning curves of runs, in the format of `evaluations_at`."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Synthetic curricula of all kinds of teachers, over task spaces of any dimension."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 
@@ -13,7 +11,6 @@ from analysis.data.curricula import Axis, RunCurriculum
 STEPS = 20_000_000
 PROBE_EVERY = 250_000
 UNITS = ("m", "terrain steps", "", "rad", "%")
-
 Update = dict[str, Any]
 
 

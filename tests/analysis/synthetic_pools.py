@@ -1,7 +1,5 @@
 """Cells and measures of synthetic pools, in the formats of `load` and `run_measures`."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -11,7 +9,6 @@ from analysis.measures.pooling import pool_runs
 from analysis.measures.tested import MEASURES
 
 PARKOUR = {"classic_bipedal": "walking", "fish": "swimming", "climbing_chimpanzee": "climbing"}
-
 PARKOUR_POOL = "classic_bipedal/sac + climbing_chimpanzee/sac + fish/sac"
 
 

@@ -25,7 +25,6 @@ from tma_ray.results import (
 )
 
 FINGERPRINT = json.dumps({"cpu": "Invented CPU @ 3 GHz", "threads": 1, "python": "3.11.9", "numpy": "2.4.6"})
-
 ERROR = 'Traceback (most recent call last):\n  File "run.py", line 1\nMemoryError: buffer of 2 GB'
 
 TASK_SPACE = [

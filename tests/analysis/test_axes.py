@@ -1,7 +1,5 @@
 """Both axes together, and mastery for the same number of trained steps."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Bars with pairs: bars, whiskers, brackets and letters."""
 
-from __future__ import annotations
-
 import itertools
 import math
 

@@ -1,7 +1,5 @@
 """Baselines: the paper's, and releases that hold what their root held, no more and no less."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -1,7 +1,5 @@
 """Agreement of budgets: means, correlations and reversed pairs, held against a computation run by run."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Mapping
 

@@ -1,7 +1,5 @@
 """What charts show: the numbers of the frames they were made from, at every step."""
 
-from __future__ import annotations
-
 import json
 import re
 from typing import Any

@@ -1,7 +1,5 @@
 """The paper's claims hold in the paper's own tables, and beside a root's results."""
 
-from __future__ import annotations
-
 import json
 import math
 from pathlib import Path

@@ -1,7 +1,5 @@
 """One's own results among baselines: what is compared, what stands apart, what is said."""
 
-from __future__ import annotations
-
 import itertools
 import re
 import shutil

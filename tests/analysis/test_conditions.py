@@ -1,7 +1,5 @@
 """Results of two budgets, students or settings in one root: never one count, one block or one test."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 
@@ -27,7 +25,6 @@ from tma_ray.benchmark.claims import Reading
 from tma_ray.tasks import KnowledgeLevel
 
 CHALLENGES = ("mostly_trivial", "mostly_unfeasible")
-
 COUNTS = {"random": (2, 3, 2), "riac": (7, 8, 7)}
 
 

@@ -1,7 +1,5 @@
 """Curricula on the task plane, dimension by dimension, and what teachers log."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -30,7 +28,6 @@ from analysis.names import teacher_order
 from analysis.teacher_styles import teacher_style
 
 pytestmark = pytest.mark.slow
-
 PLANE = axes(2)
 
 

@@ -1,7 +1,5 @@
 """Learning curves with stars, against Random, between levels, of Parkour's bodies, and for all pairs."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable
 from dataclasses import replace
@@ -26,7 +24,6 @@ from analysis.measures.run_measures import evaluations_at, training_returns_at
 from analysis.teacher_styles import teacher_style
 
 pytestmark = pytest.mark.slow
-
 TEACHERS = ("random", "adr", "alp_gmm", "spdl")
 
 

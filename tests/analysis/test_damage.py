@@ -3,8 +3,6 @@
 A root holds a run for every kind of damage, and some that are whole. Each reader sees it once.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import shutil

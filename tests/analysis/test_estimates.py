@@ -18,7 +18,6 @@ from analysis.statistics.estimates import (
 from analysis.statistics.samples import Estimate
 
 VALUES = st.lists(st.integers(-5, 5), min_size=2, max_size=8)
-
 SIZES = [2, 3, 5, 10, 32]
 
 

@@ -1,7 +1,5 @@
 """Figures: what they show, their files, and the command that writes all that results allow."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

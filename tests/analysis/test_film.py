@@ -1,7 +1,5 @@
 """Film strips of runs, projections of large task spaces, and animations."""
 
-from __future__ import annotations
-
 import io
 import itertools
 import math

@@ -1,7 +1,5 @@
 """Releases that grow by shards: each adds what is new, changes nothing else, and a batch starts from them."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Runs that differ in anything that identifies them are never pooled, tested together or named alike."""
 
-from __future__ import annotations
-
 import copy
 import itertools
 import json

@@ -1,7 +1,5 @@
 """Leaderboards, findings and completeness of a release, on invented runs of known quality."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

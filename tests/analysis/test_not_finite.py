@@ -1,7 +1,5 @@
 """Returns that are NaN or infinite: excluded and counted in every view, and never taken for zero."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 
@@ -24,7 +22,6 @@ from tma_ray.benchmark.claims import Reading
 from tma_ray.tasks import KnowledgeLevel
 
 GOOD, STEPS = [300.0, 300.0, 0.0, 0.0], 1000
-
 SENTENCE = "2 returns of 2 evaluations are NaN or infinite; these evaluations are excluded (2 runs: "
 
 

@@ -16,7 +16,6 @@ from analysis.pages.compare import write_comparison
 from analysis.pages.report import write_report
 
 DESK, PHONE = {"width": 1280, "height": 900}, {"width": 390, "height": 844}
-
 HOSTILE = "<img src=x onerror=console.error('hostile')>"
 
 PATIENCE = 120_000

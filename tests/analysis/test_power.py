@@ -1,7 +1,5 @@
 """Power of tests, and what a planned experiment can show."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What `analysis` offers from Python: the page that explains it works, and importing it stays cheap."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Radar charts: what is drawn where, and what is said to be missing."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import re
@@ -23,11 +21,8 @@ from analysis.teacher_styles import teacher_style
 from tma_ray.benchmark import STUMP_TRACKS_CHALLENGES
 
 pytestmark = pytest.mark.slow
-
 CHALLENGES = [matrix.challenge for matrix in STUMP_TRACKS_CHALLENGES]
 COLUMNS = ["challenge", "teacher", "mastered_percent_mean", "mastered_percent_std", "n"]
-
-
 Rows = list[tuple[str, str, float, float, int]]
 
 

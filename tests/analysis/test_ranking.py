@@ -1,7 +1,5 @@
 """Who masters most on each challenge and over all of them, and what may be said of it."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Results of simulated students, which all teachers of a seed share, are paired by seed."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 

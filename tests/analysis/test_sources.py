@@ -1,7 +1,5 @@
 """Several roots and baselines read as one: every view takes them, and Random serves wherever it was run."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

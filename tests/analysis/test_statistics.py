@@ -1,7 +1,5 @@
 """Tests and intervals against closed forms and other libraries, from runs and from published statistics."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

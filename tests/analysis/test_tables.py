@@ -1,7 +1,5 @@
 """The paper's tables: its own numbers as it printed them, and results of invented roots."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json

@@ -1,7 +1,5 @@
 """Names in the terminal: as they are, whatever rich makes of them, but for what a terminal would obey."""
 
-from __future__ import annotations
-
 import json
 import logging
 import re

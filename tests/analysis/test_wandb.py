@@ -1,7 +1,5 @@
 """Scalars of runs in a project of Weights & Biases: what its library, offline, would send."""
 
-from __future__ import annotations
-
 import importlib
 import json
 import re

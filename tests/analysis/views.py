@@ -1,7 +1,5 @@
 """Output for readers: charts of pages as plotly figures, and texts of commands."""
 
-from __future__ import annotations
-
 import base64
 import gzip
 import re

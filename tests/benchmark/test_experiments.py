@@ -1,7 +1,5 @@
 """Experiments, tiers, grids, results and teachers' needs of knowledge are what the paper says."""
 
-from __future__ import annotations
-
 import pytest
 
 from tma_ray.benchmark import (

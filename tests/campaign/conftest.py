@@ -1,7 +1,5 @@
 """Fixture of a Ray cluster on this machine, isolated from other clusters and the user's files."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Learner actor with too little memory."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from tma_ray.campaign.executors.actors import LearnerActor

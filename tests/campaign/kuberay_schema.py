@@ -4,12 +4,9 @@ Facts of "KubeRay CRD API reference", docs.ray.io, generated for KubeRay 1.6.2. 
 refused, as the API server refuses them.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 KUBERAY = "1.6.2"
-
 TEXT, WHOLE, YES_OR_NO = {"type": "string"}, {"type": "integer", "minimum": 0}, {"type": "boolean"}
 ANY_OBJECT: dict[str, Any] = {"type": "object"}
 LIST = {"type": "array"}

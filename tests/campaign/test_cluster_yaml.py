@@ -1,7 +1,5 @@
 """Files for Ray's cluster launcher and KubeRay, held against Ray's own code and KubeRay's reference."""
 
-from __future__ import annotations
-
 import copy
 import re
 from pathlib import Path

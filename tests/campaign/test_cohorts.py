@@ -1,7 +1,5 @@
 """Campaigns in cohorts on a real Ray, with learners on the CPU."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Callable
@@ -30,7 +28,6 @@ from tma_ray.results import Committer, Store, Table
 from tma_ray.runs import Cell, Placement, run_locally
 
 WIDTH = 4
-
 SMALL = replace(PLAYER, memory_gib=0.3)
 
 

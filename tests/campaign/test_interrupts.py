@@ -1,7 +1,5 @@
 """Ctrl-C on a real campaign in a process of its own."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
@@ -17,7 +15,6 @@ import pytest
 from small_runs import data_files
 
 pytestmark = pytest.mark.slow
-
 HELPERS = Path(__file__).parents[1] / "runs"
 ARGUMENTS = (
     "campaign --environment corridor:Corridor --embodiments= --teachers random,alp_gmm --students ppo "

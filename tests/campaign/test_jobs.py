@@ -1,7 +1,5 @@
 """`ray job submit` to a head node, as docs/clusters.md describes it."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -15,7 +13,6 @@ from test_interrupts import wait_for_a_checkpoint
 from tma_ray.results import Results, RunStatus, Table
 
 pytestmark = pytest.mark.slow
-
 ROOT = Path(__file__).parents[2]
 
 ONLY_THERE = "--memory-per-run=1000"

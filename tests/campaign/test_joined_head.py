@@ -1,7 +1,5 @@
 """Clusters that a campaign has joined: heads that are damaged or gone, nodes that come later, their cost."""
 
-from __future__ import annotations
-
 import os
 import pty
 import shutil

@@ -1,7 +1,5 @@
 """Campaigns that repeat a release: its cells, seeds and settings, with the teacher alone exchanged."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

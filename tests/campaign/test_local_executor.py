@@ -21,9 +21,7 @@ from tma_ray.runs.placement import PLAYER_NICENESS
 from tma_ray.students.rollout_workers import CohortSettings
 
 HOPPER = Path(__file__).parents[2] / "examples" / "hopper.toml"
-
 TINY = {"hidden_units": [16, 8], "steps_per_update": 100, "batch_size": 50, "epochs": 2}
-
 pytestmark = pytest.mark.slow
 
 

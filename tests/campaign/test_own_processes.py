@@ -1,7 +1,5 @@
 """A campaign's own Ray: the processes that it cannot do without, and where it puts its files."""
 
-from __future__ import annotations
-
 import shutil
 import stat
 import subprocess

@@ -1,7 +1,5 @@
 """A campaign on a Ray of its own: where its processes listen, and what the death of their head leaves."""
 
-from __future__ import annotations
-
 import ipaddress
 import os
 import signal

@@ -1,7 +1,5 @@
 """Plug-ins on a cluster that others started: a head node of its own, whose workers know nobody's folders."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess
@@ -16,9 +14,7 @@ from small_runs import rows
 from tma_ray.results import Results, Table
 
 pytestmark = pytest.mark.slow
-
 ROOT = Path(__file__).parents[2]
-
 HELPER = "LEVEL = 0.25\n"
 
 SCRIPT = '''

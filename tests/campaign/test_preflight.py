@@ -1,7 +1,5 @@
 """What is checked before runs start: storage that all nodes see, files that are shipped, a living head."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

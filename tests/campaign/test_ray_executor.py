@@ -26,7 +26,6 @@ from tma_ray.results import Committer, Results, RunStatus, Table
 from tma_ray.runs import RunSpec
 
 pytestmark = pytest.mark.usefixtures("threads")
-
 NODE = {"NodeID": "here", "Resources": {"CPU": 2.0, "memory": 8 * 2**30}}
 
 

@@ -1,7 +1,5 @@
 """Experiments as scripts: what their flags choose, what they say before they start, what they refuse."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys

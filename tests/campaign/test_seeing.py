@@ -1,7 +1,5 @@
 """Status, history and rerun of campaigns, and stopping them, from what lies in the results root."""
 
-from __future__ import annotations
-
 import io
 import os
 import time

@@ -1,7 +1,5 @@
 """Simulated runs as a results root: what simulation gives, told apart from all else, and never twice."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
@@ -26,9 +24,7 @@ from tma_ray.testing import SimulatedRun, find_simulated_challenge, simulate
 from tma_ray.testing.matrix import SimulatedCell, cells_of, run_cells, tabulate
 
 EPISODES = 60
-
 LEVELS = (KnowledgeLevel.LOW, KnowledgeLevel.HIGH)
-
 Played = tuple[list[SimulatedCell], list[SimulatedRun]]
 
 

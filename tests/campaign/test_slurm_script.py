@@ -1,7 +1,5 @@
 """The batch script for Slurm, with its commands played on this machine and a real Ray."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -1,7 +1,5 @@
 """Speeds of runs: of a table that is scaled to this machine, or measured; costs that follow from them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

@@ -7,8 +7,6 @@ python tests/chaos/attack.py --kinds gcs,s3 --seed 7
 Prints the losses; exits with 1 if there are any, or if an attack did not finish.
 """
 
-from __future__ import annotations
-
 import argparse
 import random
 import signal

@@ -1,7 +1,5 @@
 """Campaign of the chaos tests: PPO under an adaptive teacher, and SAC under Random."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from small_runs import STUDENTS

@@ -1,7 +1,5 @@
 """Fixtures of the chaos tests: clusters, undisturbed results, and a table of faults."""
 
-from __future__ import annotations
-
 import sys
 import tempfile
 from collections.abc import Iterator

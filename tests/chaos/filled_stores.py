@@ -3,8 +3,6 @@
 python filled_stores.py ADDRESS
 """
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np

@@ -4,8 +4,6 @@ A test creates a file in the folder of requests; the first process that reaches 
 that name removes the file and injects the fault. Workers and driver import this module for the campaign.
 """
 
-from __future__ import annotations
-
 import errno
 import os
 import signal

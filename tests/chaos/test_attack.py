@@ -1,7 +1,5 @@
 """Every kind of fault, at random instants of a seed; the program `attack` does the same at any length."""
 
-from __future__ import annotations
-
 import random
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A few damaged files and interrupted commands of a seed; the programs do the same at any length."""
 
-from __future__ import annotations
-
 import random
 from collections import Counter
 from pathlib import Path

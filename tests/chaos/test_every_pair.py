@@ -1,7 +1,5 @@
 """Every student with every teacher, killed at any instant, again and again."""
 
-from __future__ import annotations
-
 import multiprocessing
 import random
 import time

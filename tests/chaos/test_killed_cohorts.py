@@ -1,7 +1,5 @@
 """Cohorts whose learner, players, driver and node are killed, or whose learner is stopped."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
@@ -13,7 +11,6 @@ from faults import Check, Compare, Site, undisturbed_files, wait_for
 from nodes import Nodes
 
 pytestmark = pytest.mark.chaos
-
 WIDTH = 4
 
 PATIENCE = "10"

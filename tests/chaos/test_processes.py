@@ -1,7 +1,5 @@
 """Processes that are killed at each place where it could hurt, frozen nodes, raising code, full storage."""
 
-from __future__ import annotations
-
 import signal
 import time
 

@@ -1,7 +1,5 @@
 """Fixtures: a small results root for commands, and known speeds."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
@@ -16,7 +14,6 @@ TINY = [
 ]
 
 MEASURED = Throughput("measured", 1e6, 1e6, 100)
-
 TEACHERS = ("random", "alp_gmm", "alp_gmm:fit_every=20")
 
 

@@ -1,7 +1,5 @@
 """What takes over an hour says its cost and is confirmed first; what is done does not count."""
 
-from __future__ import annotations
-
 import socket
 import subprocess
 import sys
@@ -21,9 +19,7 @@ from tma_ray.results import Committer, RunWriter
 from tma_ray.runs import Schedule
 
 ROOT = Path(__file__).parents[2]
-
 MEASURED = Throughput("measured", 1_000, 50_000, 100)
-
 NODE = {"CPU": 16.0, "memory": 26.0 * GIB}
 
 

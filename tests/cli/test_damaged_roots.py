@@ -1,7 +1,5 @@
 """Every command on a root with something else in the place of a file: it is named, and the rest is read."""
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import itertools
@@ -18,9 +16,7 @@ import pytest
 from tma_ray.cli import main
 
 OLD_ROOT = Path(__file__).parents[1] / "compatibility" / "version_1" / "root"
-
 RUN = "ppo_alp_gmm-s0-5e7c73111b9c"
-
 MANIFEST, TABLE, ROOT_FILE = f"manifests/{RUN}.json", f"tables/evaluations/{RUN}.parquet", "root.json"
 
 

@@ -31,9 +31,7 @@ SECONDS = 1.0
 """Processor time within which a mistake is refused, s."""
 
 QUANTITIES = [each for each in vars(values).values() if isinstance(each, Quantity)]
-
 NUMBERS = ("N", "X", "SECONDS", "GIB")
-
 MISTAKES = sorted(set(mistakes()), key=lambda mistake: mistake.words)
 
 

@@ -1,7 +1,5 @@
 """Output of commands: JSON has its declared keys, and tables fit 80 columns and name settings."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

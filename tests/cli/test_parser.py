@@ -1,7 +1,5 @@
 """Contracts of the whole command line: descriptions, sentences, defaults, metavars, completion, start-up."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 from collections.abc import Iterator
@@ -15,7 +13,6 @@ from tma_ray.campaign.script import script
 from tma_ray.console.command_line import METAVARS, UsageError, arguments, commands, help_text, read
 
 METAVAR = re.compile(rf"({'|'.join(METAVARS)})(,\.\.\.)?|NAME=VALUE")
-
 MAIN = ("run", "campaign", "report", "compare", "ranking")
 
 

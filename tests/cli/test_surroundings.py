@@ -1,7 +1,5 @@
 """Commands on unusual standard streams, and beside the user's own files in the current folder."""
 
-from __future__ import annotations
-
 import io
 import os
 import subprocess
@@ -74,9 +72,7 @@ def test_no_file_takes_the_descriptor_of_a_closed_stream(tmp_path: Path) -> None
 
 
 ROOT = Path(__file__).parents[2] / "notebooks" / "data" / "ppo-lite"
-
 NAMES = ("analysis.py", "ray.py", "pandas.py")
-
 SCRIPT = Path(sys.executable).with_name("tma-ray")
 
 

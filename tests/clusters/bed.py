@@ -28,9 +28,7 @@ from pathlib import Path
 import psutil
 
 REPOSITORY = Path(__file__).parents[2]
-
 VENV = Path(sys.prefix).resolve()
-
 PROGRAMS = ("ip", "nsenter", "pivot_root", "rsync", "setpriv", "sshd", "tmux", "unshare")
 
 KERNELS = Path("/var/tmp/clusters-kernels")

@@ -1,7 +1,5 @@
 """Copy of this checkout and its virtual environment on the nodes of a test bed."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re
@@ -19,9 +17,7 @@ WHEELS = Path("/var/tmp/clusters-wheels")
 """Cached packages for nodes without access to a package index."""
 
 PACKAGES = VENV / "lib" / f"python{sys.version_info.major}.{sys.version_info.minor}" / "site-packages"
-
 SMALL = "--evaluation-interval 4000 --probe-interval 2000 --training-window 2000 --memory-per-run 0.5"
-
 FLAGS = f"--teachers random,alp_gmm --seeds 2 --steps 20000 --checkpoint-seconds 1 {SMALL}"
 
 CAMPAIGN = f"experiments/quickstart.py {FLAGS}"

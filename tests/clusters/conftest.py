@@ -1,7 +1,5 @@
 """Marks and fixtures of tests on a bed of virtual machines, which need root on Linux."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -11,7 +11,6 @@ from bed import REPOSITORY, USER, VENV, Node, wait_until
 from checkout import copy_checkout
 
 FILE = "cluster-local.yaml"
-
 ACTIVE = f"export PATH={VENV}/bin:$PATH RAY_AUTH_MODE=token RAY_USAGE_STATS_ENABLED=0; cd ~/checkout; "
 
 

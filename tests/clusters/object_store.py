@@ -7,7 +7,6 @@ import json
 from bed import REPOSITORY, VENV, Bed, Node
 
 BUCKET = "bucket"
-
 PORT = 5000
 
 READ = f"""

@@ -36,7 +36,6 @@ PartitionName=urgent Nodes=ALL PriorityTier=10 PreemptMode=OFF
 """Configuration of Slurm, in which nodes have the cores that the batch script requests."""
 
 DAEMONS = ("munged", "slurmctld", "slurmd")
-
 CHECKOUT = "/shared/checkout"
 
 

@@ -1,7 +1,5 @@
 """`cluster.yaml` at a server that answers as AWS (moto), whose instances are machines of a bed."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from pathlib import Path

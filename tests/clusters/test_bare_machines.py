@@ -1,7 +1,5 @@
 """`cluster-local.yaml` on machines that have Python and nothing of this project: all is installed."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from datetime import UTC, datetime

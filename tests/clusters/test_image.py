@@ -1,7 +1,5 @@
 """The image for Kubernetes, built by its recipe with buildah, and a campaign in a container of it."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 import sys
@@ -13,11 +11,8 @@ from bed import REPOSITORY
 from checkout import copy_checkout, locked_packages
 
 IMAGE = "localhost/tma_ray:tested"
-
 BASE = "localhost/debian:tested"
-
 LACKING = [each for each in ("buildah", "debootstrap") if shutil.which(each) is None]
-
 pytestmark = pytest.mark.skipif(bool(LACKING), reason=f"needs {' and '.join(LACKING)}")
 
 

@@ -1,7 +1,5 @@
 """`cluster-local.yaml` on machines that one has: the launcher's commands, as docs/clusters.md gives them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """`docs/slurm.sh` on a real Slurm: one to three nodes, time limits, precedence, `scancel`."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,7 +12,6 @@ from small_runs import rows
 from tma_ray.results import Table
 
 pytestmark = pytest.mark.skipif(missing_daemons() is not None, reason=str(missing_daemons()))
-
 JOB = "--cpus-per-task=2 --mem=6G --time=30 docs/slurm.sh"
 
 LONG = CAMPAIGN.replace("--steps 20000", "--steps 60000")

@@ -1,7 +1,5 @@
 """The kits accept what ships and the examples, and name each promise that is broken."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

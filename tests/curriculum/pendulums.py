@@ -1,7 +1,5 @@
 """Short and fast third-party environment, with mass and length set by a curriculum."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import gymnasium

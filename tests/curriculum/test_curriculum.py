@@ -1,7 +1,5 @@
 """Every teacher teaches in a loop of somebody else, and continues bit for bit what was saved."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 from pathlib import Path

@@ -1,7 +1,5 @@
 """One teacher for worlds that are stepped together, and for those of several processes."""
 
-from __future__ import annotations
-
 import functools
 import multiprocessing
 import os
@@ -20,7 +18,6 @@ from tma_ray.curriculum import Curriculum
 from tma_ray.teachers import TEACHERS
 
 COUNT = 3
-
 OVERLAPPING = [name for name in TEACHERS.names() if TEACHERS.get(name).overlapping]
 
 

@@ -11,7 +11,6 @@ from pathlib import Path
 from write_generated import FILE, PART
 
 ROOT = Path(__file__).parents[2]
-
 FOLDERS = ("docs", "examples", "benchmarks", "notebooks")
 
 FILES = [

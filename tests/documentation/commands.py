@@ -1,7 +1,5 @@
 """Execution of the commands in pages, at a small size."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import re

@@ -1,7 +1,5 @@
 """Fixtures: a folder with the files that pages assume."""
 
-from __future__ import annotations
-
 import shutil
 import sys
 import warnings

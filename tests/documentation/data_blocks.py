@@ -1,7 +1,5 @@
 """Checks of code blocks with data, by language."""
 
-from __future__ import annotations
-
 import sys
 import tomllib
 from pathlib import Path

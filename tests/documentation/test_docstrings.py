@@ -1,7 +1,5 @@
 """Examples in docstrings are run: sessions, names with settings, and command lines."""
 
-from __future__ import annotations
-
 import ast
 import doctest
 import importlib
@@ -22,11 +20,8 @@ from tma_ray.support.component_names import base_name, split_name
 from tma_ray.teachers import TEACHERS, make_teacher
 
 ROOT = Path(__file__).parents[2]
-
 FILES = sorted(path for package in ("analysis", "tma_ray") for path in (ROOT / package).rglob("*.py"))
-
 NAME = re.compile(r"[`\"']((?:[A-Za-z_]+:)+[a-z_]+=[^`\"',\s]*)[`\"']")
-
 COMMAND = re.compile(r"``tma-ray ([^`]+)``|'tma-ray ([^'{]+)'|^\s*tma-ray (.+)$", re.MULTILINE)
 
 NOBODYS = ("name", "module:Name", "my_teacher")
@@ -46,7 +41,6 @@ def found(pattern: re.Pattern[str]) -> list[tuple[str, Any]]:
 
 
 NAMES = found(NAME)
-
 COMMANDS = [(file, "".join(groups)) for file, groups in found(COMMAND)]
 
 

@@ -1,7 +1,5 @@
 """Examples of helps run as they are written, and campaigns of pages on a real Ray, with few episodes."""
 
-from __future__ import annotations
-
 import shlex
 import shutil
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What notebooks, pages and scripts import is there, whatever of them the fast tests do not run."""
 
-from __future__ import annotations
-
 import ast
 import json
 from collections.abc import Iterator
@@ -12,7 +10,6 @@ import pytest
 from blocks import PAGES, ROOT, blocks_of
 
 OURS = ("tma_ray", "analysis")
-
 SCRIPTS = ("examples/*.py", "experiments/*.py", "benchmarks/*.py", "docs/making/*.py")
 
 PLACES = (

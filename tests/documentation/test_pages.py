@@ -1,7 +1,5 @@
 """Commands and code blocks of pages are run, or `declared` says why not; links and pictures are there."""
 
-from __future__ import annotations
-
 import importlib
 import re
 import sys

@@ -1,7 +1,5 @@
 """References in docstrings, in single backticks: `name`, `module.name`, `Class.member`."""
 
-from __future__ import annotations
-
 import ast
 import builtins
 import re
@@ -37,7 +35,6 @@ def bound(node: ast.AST) -> Iterator[str]:
 
 PARTS = {path: ".".join(path.relative_to(ROOT).with_suffix("").parts) for path in SOURCES}
 TREES = {name.removesuffix(".__init__"): ast.parse(path.read_text()) for path, name in PARTS.items()}
-
 NAMES = {name for tree in TREES.values() for node in ast.walk(tree) for name in bound(node)}
 NAMES |= {part for module in TREES for part in module.split(".")} | {*dir(builtins)}
 

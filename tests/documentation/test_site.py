@@ -1,7 +1,5 @@
 """What the site makes from the code when it is built, and that nothing of it is forgotten."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import os

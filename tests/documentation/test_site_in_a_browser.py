@@ -1,7 +1,5 @@
 """The built site as a reader meets it: opened from the file system in headless Chromium, offline."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -10,8 +10,6 @@ import tma_ray.embodiments
 from tma_ray.embodiments import EmbodimentError, GripSensor, Polygon, embodiment_names, load_embodiment
 
 DATA = Path(tma_ray.embodiments.__file__).parent / "data"
-
-
 Edited = Callable[[str, str, str], Path]
 
 

@@ -1,7 +1,5 @@
 """Where frames look and what they show."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 

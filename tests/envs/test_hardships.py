@@ -1,7 +1,5 @@
 """Every body in every environment, over the whole valid domain: nothing breaks."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from itertools import product

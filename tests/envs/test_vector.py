@@ -1,7 +1,5 @@
 """Vector environments play what their worlds would play alone, bit for bit, on tasks of their own."""
 
-from __future__ import annotations
-
 import copy
 import gc
 import itertools
@@ -25,10 +23,7 @@ from tma_ray.physics import engine_in_use
 from tma_ray.physics.compiled.step import body_in
 
 COUNT = 4
-
 IDS = {"stump_tracks": "tma_ray/StumpTracks-v0", "parkour": "tma_ray/Parkour-v0"}
-
-
 DISABLED = AutoresetMode.DISABLED
 
 

@@ -1,7 +1,5 @@
 """Exported policies: what is in the folder is true, plays elsewhere, and appears whole or not at all."""
 
-from __future__ import annotations
-
 import hashlib
 import re
 import sys

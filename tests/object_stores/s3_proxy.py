@@ -11,7 +11,6 @@ from typing import Self
 from urllib.parse import urlsplit
 
 SLOW_DOWN = b"<Error><Code>SlowDown</Code><Message>Please reduce your request rate.</Message></Error>"
-
 _HOP_BY_HOP = ("connection", "transfer-encoding", "content-length", "server", "date")
 
 

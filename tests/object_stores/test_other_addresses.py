@@ -1,7 +1,5 @@
 """Baselines at addresses of fsspec: in memory, behind a local web server, and at a local Hugging Face."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
@@ -30,9 +28,7 @@ from tma_ray.results import (
 )
 
 pytestmark = pytest.mark.slow
-
 ROOT = Path(__file__).parents[2] / "notebooks" / "data" / "ppo-lite"
-
 MEMORY = "memory://other-addresses/ppo-lite"
 
 

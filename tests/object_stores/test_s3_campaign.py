@@ -1,7 +1,5 @@
 """A campaign on a real Ray whose workers write into a bucket."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
@@ -16,9 +14,7 @@ from tma_ray.results import Committer, Store
 from tma_ray.runs import Cell, run_locally
 
 HERE = Path(__file__).parent
-
 HELPERS = [str(HERE), str(HERE.parent / "runs"), str(HERE.parent / "campaign")]
-
 CELL = Cell("corridor:Corridor", "original", "", "ppo", student_hyperparameters=STUDENTS["ppo"])
 CELLS = tuple(replace(CELL, teacher=teacher) for teacher in ("random", "riac"))
 CAMPAIGN = Campaign("bucket", CELLS, (0,), SCHEDULE)

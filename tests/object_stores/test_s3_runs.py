@@ -1,7 +1,5 @@
 """Whole runs in a bucket: the tables of a run on a disk, bit for bit, whatever happens on the way."""
 
-from __future__ import annotations
-
 import json
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -21,7 +19,6 @@ from tma_ray.results.storage import bucket
 from tma_ray.runs import RunSpec
 
 FORTY = 40
-
 EXPIRED = json.dumps({"holder": "dead", "token": "old", "renewed_at": 0.0, "process": None}).encode()
 
 

@@ -1,7 +1,5 @@
 """A bucket on a real server: whole objects, patience, plain errors, few requests."""
 
-from __future__ import annotations
-
 import random
 import signal
 import subprocess

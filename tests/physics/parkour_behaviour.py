@@ -3,8 +3,6 @@
 ``python tests/physics/parkour_behaviour.py`` prints the tables of docs/fidelity.md.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator
 

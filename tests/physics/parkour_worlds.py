@@ -1,7 +1,5 @@
 """Worlds of Parkour for tests and measurements of the physics."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import cache
 

@@ -1,7 +1,5 @@
 """Forces of water against closed forms, and against an evaluation of the release's formulas in numpy."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -3,8 +3,6 @@
 ``python episodes.py FOLDER EPISODES STEPS BODY...``
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path

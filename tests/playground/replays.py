@@ -3,8 +3,6 @@
 Tests are skipped if a program is missing.
 """
 
-from __future__ import annotations
-
 import base64
 import json
 import os

@@ -1,7 +1,5 @@
 """The page's engine, policies and worlds in node and in Chromium: the same numbers as Python's."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

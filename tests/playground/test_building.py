@@ -17,7 +17,6 @@ from suite.locked import locked
 from tma_ray.playground.page import SCRIPTS, SOURCES, WASM
 
 DOCS = Path(__file__).parents[2] / "docs/playground"
-
 BUILT = json.loads((DOCS / "built.json").read_text())
 
 

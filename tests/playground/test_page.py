@@ -1,7 +1,5 @@
 """The playground as a visitor meets it: in headless Chromium, on a desk and on a phone."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -23,7 +21,6 @@ LIMIT = 1_000_000
 """Largest size of a page with one policy, in bytes."""
 
 DESK, PHONE = {"width": 1440, "height": 900}, {"width": 390, "height": 844}
-
 Opener = Callable[..., Page]
 
 

@@ -1,7 +1,5 @@
 """Columns that are added later: old roots are read, merged, continued and tabulated with them."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Merged files: they read as what they were merged from, at any time, and nothing written is ever lost."""
 
-from __future__ import annotations
-
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any

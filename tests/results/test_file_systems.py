@@ -1,7 +1,5 @@
 """Roots on file systems that cannot sync a folder (CIFS, vboxsf) or have no hard links (exFAT, SMB)."""
 
-from __future__ import annotations
-
 import errno
 import os
 import stat

@@ -1,7 +1,5 @@
 """What others made is never trusted with memory or with other folders: sizes and links are checked first."""
 
-from __future__ import annotations
-
 import io
 import os
 import zipfile

@@ -1,7 +1,5 @@
 """The index of a release: one file with the manifests of all runs."""
 
-from __future__ import annotations
-
 import gzip
 from dataclasses import replace
 from pathlib import Path

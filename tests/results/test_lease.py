@@ -1,7 +1,5 @@
 """Leases and heartbeats: who holds a root, who asks it to stop, and who is alive."""
 
-from __future__ import annotations
-
 import errno
 import fcntl
 import json
@@ -268,9 +266,7 @@ def test_a_damaged_heartbeat_is_none(store: Store, content: bytes) -> None:
 
 
 PROCESSES, ROUNDS = 3, 15
-
 EXPIRED = {"holder": "dead", "token": "old", "renewed_at": 0.0, "process": None}
-
 LEFT_BEHIND = {"nothing": None, "an expired lease": json.dumps(EXPIRED), "a damaged lease": "{"}
 
 

@@ -1,7 +1,5 @@
 """What `tma-ray verify` finds besides damaged files; runs whose manifest is gone."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Callable
@@ -15,7 +13,6 @@ from tma_ray.results import Committer, Damage, Results, Store, compact, start_fr
 from tma_ray.support.decoding import DamagedFileWarning
 
 pytestmark = pytest.mark.filterwarnings("ignore::tma_ray.support.decoding.DamagedFileWarning")
-
 FIRST, SECOND = "ppo_alp_gmm-s0-5e7c73111b9c", "sac_adr-s0-93c3a39a6c7a"
 
 

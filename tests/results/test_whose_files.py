@@ -1,7 +1,5 @@
 """A results root carries our mark; what others keep in it, or where its links lead to, is never touched."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import time

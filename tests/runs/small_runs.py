@@ -3,8 +3,6 @@
 python small_runs.py FOLDER ...   # each with a spec.json; its results root is FOLDER/resumed
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Settings of cells: part of the identity, named canonically, refused before anything runs."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """What challenges do to a run: students that forget, and teachers that work in a shuffled space."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

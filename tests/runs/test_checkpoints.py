@@ -1,7 +1,5 @@
 """Checkpoints build on each other; attempts leave each other's alone, and lost ones get their row."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

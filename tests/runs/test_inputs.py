@@ -1,7 +1,5 @@
 """Files that runs read: part of a run by their content, kept in its root, and there wherever it is played."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import shutil

@@ -1,7 +1,5 @@
 """A run interrupted and resumed gives the files, bit for bit, of one that was not."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess
@@ -18,7 +16,6 @@ from tma_ray.results import Table
 from tma_ray.runs import Cell, Placement, RunSpec, Schedule, effective_spec
 
 HERE = Path(__file__).parent
-
 Case = tuple[str, str, str]
 RunAndFolder = tuple[RunSpec, Path]
 

@@ -1,7 +1,5 @@
 """Plug-ins where a run is executed: known there, and the ones that it was planned with."""
 
-from __future__ import annotations
-
 import json
 import sys
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Episodes from which the student does not learn, and evaluations that a teacher asks for."""
 
-from __future__ import annotations
-
 import pickle
 from collections.abc import Callable
 from functools import partial

@@ -16,7 +16,6 @@ from tma_ray.students import Student, Transition, make_student
 from tma_ray.support.component_names import base_name
 
 OURS = ("ppo", "sac")
-
 OFF_POLICY = {"buffer_size": 150, "batch_size": 20, "learning_starts": 60, "train_freq": 10}
 OFF_POLICY["policy_kwargs"] = {"net_arch": [16, 8]}
 

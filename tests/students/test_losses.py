@@ -13,7 +13,6 @@ from tma_ray.students.rollout_workers.sac import LOG_STD_RANGE
 from tma_ray.students.sac import SQUASH_EPSILON, SACUpdate, log_std_of, squashed_draw
 
 pytestmark = pytest.mark.usefixtures("_seeded")
-
 UPDATES = 10
 DTYPES = pytest.mark.parametrize(
     ("dtype", "tolerance"), [(torch.float64, 1e-9), (torch.float32, 2e-5)], ids=["float64", "float32"]

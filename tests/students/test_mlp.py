@@ -1,7 +1,5 @@
 """The multilayer perceptron: every way through it is the same function, and its gradients are autograd's."""
 
-from __future__ import annotations
-
 import copy
 
 import numpy as np
@@ -15,7 +13,6 @@ from tma_ray.students.mlp.network import FlatParameters, Network, as_modules, bl
 from tma_ray.support.import_hacks import skip_dynamo, take_step
 
 pytestmark = pytest.mark.usefixtures("_seeded")
-
 LAYOUTS = [Layout(sizes) for sizes in ((5, 7, 6, 3), (4, 2), (24, 40, 30, 8), (1, 9, 1))]
 LAYOUTS.append(Layout((5, 7, 6, 3), Activation.TANH))
 EACH = pytest.mark.parametrize(

@@ -1,7 +1,5 @@
 """Players and a learner against students that learn alone."""
 
-from __future__ import annotations
-
 import copy
 import threading
 from collections.abc import Iterator

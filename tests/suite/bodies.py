@@ -1,7 +1,5 @@
 """Bodies as parameters of tests: three in the fast tier, all of them in the slow one."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

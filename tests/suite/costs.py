@@ -19,9 +19,7 @@ TOLERATED = 3.0
 """Processor seconds above which a case should be faster, or in a slower tier."""
 
 TIERS = ("slow", "chaos")
-
 READING = pytest.StashKey[float]()
-
 TICKS = os.sysconf("SC_CLK_TCK")
 
 

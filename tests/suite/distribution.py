@@ -5,8 +5,6 @@ cases of these services come first, since they wait more than they compute, and 
 other cases keep the order of the session.
 """
 
-from __future__ import annotations
-
 import pytest
 
 ON_CLUSTERS = ("campaign", "cohorts", "preflight", "retries", "seeing")

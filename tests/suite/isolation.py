@@ -1,7 +1,5 @@
 """Plug-in that restores registries, environment variables, folder and generators after every case."""
 
-from __future__ import annotations
-
 import gc
 import os
 import random
@@ -18,7 +16,6 @@ from tma_ray.students import STUDENTS
 from tma_ray.teachers import TEACHERS
 
 REGISTRIES: tuple[Registry, ...] = (TEACHERS, STUDENTS, ENVIRONMENTS)
-
 KEPT = ("_decorated", "_origins", "_sources")
 
 

@@ -1,7 +1,5 @@
 """Plug-in that compiles all kernels once, before parallel processes would compile them separately."""
 
-from __future__ import annotations
-
 import hashlib
 import subprocess
 import sys
@@ -10,9 +8,7 @@ from pathlib import Path
 import pytest
 
 TESTS = Path(__file__).parents[1]
-
 PACKAGE = TESTS.parent / "tma_ray"
-
 WITH_KERNELS = ("support/jit.py", "physics", "students", "terrain")
 
 

@@ -1,7 +1,5 @@
 """Versions in the lock files, with which the project is tested and documented."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 

@@ -1,7 +1,5 @@
 """Plug-in that prints the seed of a session's random order, to repeat it."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import settings
 

@@ -1,7 +1,5 @@
 """Names of parts; which of the user's files are a plug-in, and when its hash changes."""
 
-from __future__ import annotations
-
 import importlib
 import os
 import subprocess
@@ -83,7 +81,6 @@ LAB = {
 """Relative and absolute imports, some inside functions, a folder without __init__.py, and a circle."""
 
 Write = Callable[[dict[str, str]], str]
-
 numbers = count()
 
 

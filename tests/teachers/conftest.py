@@ -1,7 +1,5 @@
 """Fixture that limits tests of teachers to one thread."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import pytest

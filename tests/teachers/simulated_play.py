@@ -1,7 +1,5 @@
 """Episodes of a student that is simulated by a formula, to train teachers."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

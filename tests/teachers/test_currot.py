@@ -1,7 +1,5 @@
 """CURROT: assignments, moves and successes in closed form, and a line whose end is out of reach."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from simulated_play import SPACES, ended, started

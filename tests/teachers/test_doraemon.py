@@ -1,7 +1,5 @@
 """DORAEMON: Beta distributions in closed form, updates against a search, and a slope too steep to master."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import stats

@@ -1,7 +1,5 @@
 """Every teacher of the catalogue keeps the contract of the conformance kit."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,7 +1,5 @@
 """Mixtures against scikit-learn's, and the teachers that draw tasks from them: ALP-GMM and Covar-GMM."""
 
-from __future__ import annotations
-
 import pickle
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Normalising flows in closed form; what teachers do with torch leaves no trace in the process."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import cache
 

@@ -1,7 +1,5 @@
 """Hyper-parameters of the paper's tables, impossible ones, and the knowledge that each teacher uses."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

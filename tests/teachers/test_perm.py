@@ -1,7 +1,5 @@
 """PERM: simulated abilities and difficulties are recovered, and tasks suit the ability."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from simulated_play import SPACES, ended, started

@@ -1,7 +1,5 @@
 """ProCuRL-Target: the score of its paper on a grid, and the tasks that it chooses."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """PLR, robust PLR and ACCEL: scores, the buffer, and what is played when."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Teachers without feedback, Ramp and Sobol, in closed form; the unit box of a space."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from simulated_play import EPISODE_LENGTH, SPACES, play, started

@@ -1,7 +1,5 @@
 """SFL: what it asks, and which tasks it keeps."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from simulated_play import SPACES, ended, started

@@ -1,7 +1,5 @@
 """SPDL: its schedule, and its updates of a Gaussian against textbook formulas and searches."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """SPGL: its closed form against a numerical optimum, and where it goes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
@@ -15,7 +13,6 @@ from tma_ray.teachers.spdl import FullGaussian
 from tma_ray.teachers.spgl import closed_form_update, quadratic_fit
 
 Array = NDArray[np.float64]
-
 CURRENT = FullGaussian(np.array([0.2, 0.3]), np.array([[0.1, 0.0], [0.04, 0.15]]))
 TARGET = FullGaussian(np.array([0.5, 0.5]), np.diag([0.25, 0.2]))
 

@@ -1,7 +1,5 @@
 """TRACED: the transition error, the difficulty of a hand-made episode, and co-learnability."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

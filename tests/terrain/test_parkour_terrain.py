@@ -16,7 +16,6 @@ from tma_ray.terrain.terrain import TERRAIN_STEP
 LOW = np.array([-2, -2, -2, 0, 0, 0, 0, 2], dtype=np.float32)
 HIGH = np.array([2, 2, 2, 1, 1, 4, 5, 40], dtype=np.float32)
 MEDIUM = (-0.15, 0.8, 0.1)
-
 bounds = zip(LOW.tolist(), HIGH.tolist(), strict=True)
 domain = st.tuples(*(st.one_of(st.sampled_from(ends), st.floats(*ends, width=32)) for ends in bounds))
 networks = st.one_of(st.just(SHIPPED), st.integers(0, 5).map(lambda seed: random_network(seed)))

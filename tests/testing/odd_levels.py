@@ -1,7 +1,5 @@
 """Teacher outside the catalogue that requires exactly a mastery threshold."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from tma_ray.tasks import KnowledgeLevel

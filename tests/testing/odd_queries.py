@@ -1,7 +1,5 @@
 """Teachers with a query after every episode."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The kit passes teachers that keep the contract, and finds the one promise that each broken one breaks."""
 
-from __future__ import annotations
-
 import inspect
 import re
 import shutil

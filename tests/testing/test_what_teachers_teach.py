@@ -3,8 +3,6 @@
 Students were fixed by looking at Random alone, so none of this was tuned.
 """
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

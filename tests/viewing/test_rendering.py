@@ -1,7 +1,5 @@
 """Episodes as files: every format, every kind of policy, and all that is refused."""
 
-from __future__ import annotations
-
 import shutil
 import sys
 from dataclasses import replace
