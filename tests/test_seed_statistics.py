@@ -51,9 +51,8 @@ def test_the_covariance_of_seeds_is_subtracted() -> None:
 
 
 def test_one_measure_agrees_with_itself_in_another_unit() -> None:
-    values = [
-        {name: runs[:, :1] * [1.0, -3.0] for name, runs in space.items()} for space in spaces_of(rng(1), 0.5)
-    ]
+    drawn = spaces_of(rng(1), 0.5)
+    values = [{name: runs[:, :1] * [1.0, -3.0] for name, runs in space.items()} for space in drawn]
     found = effect_correlation(values)
     assert (found.value, found.low, found.high) == pytest.approx((-1, -1, -1))
 

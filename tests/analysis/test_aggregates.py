@@ -35,9 +35,8 @@ def test_across_challenges_each_is_a_stratum() -> None:
 
 
 def test_a_run_at_several_levels_counts_once() -> None:
-    levels = [
-        cell("random", s, s, expert_knowledge=at, run_id=f"r{s}") for at in ("none", "low") for s in range(4)
-    ]
+    runs = [(s, {"run_id": f"r{s}", "expert_knowledge": at}) for at in ("none", "low") for s in range(4)]
+    levels = [cell("random", s, s, **names) for s, names in runs]
     by = [column for column in ACROSS if column != "expert_knowledge"]
     table = interquartile_means(pool(*levels), "mastered_percent", [*by, "teacher"], STRATA)
     assert table["n"].tolist() == [4]

@@ -54,9 +54,8 @@ def notes_of(figure: Figure) -> str:
 
 def uppers_of(figure: Figure, panel: int = 0) -> list[tuple[float, float]]:
     marks = [line.get_xydata() for line in figure.axes[panel].lines if line.get_gid() == "upper"]
-    return [
-        (round(angle / (2 * math.pi) * len(CHALLENGES)), height) for line in marks for angle, height in line
-    ]
+    places = (place for line in marks for place in line)
+    return [(round(angle / (2 * math.pi) * len(CHALLENGES)), height) for angle, height in places]
 
 
 def test_the_papers_numbers_are_ratios_of_its_random() -> None:

@@ -385,9 +385,7 @@ def test_the_best_and_the_worst_seed_play_the_task_that_tells_runs_apart(told_ap
 
 @pytest.mark.parametrize(("ending", "element"), [("mp4", "<video"), ("gif", "<img")])
 @pytest.mark.slow
-def test_videos_are_embedded_with_outcomes(
-    told_apart: Path, tmp_path: Path, ending: str, element: str
-) -> None:
+def test_videos_are_embedded_with_ends(told_apart: Path, tmp_path: Path, ending: str, element: str) -> None:
     file = tmp_path / f"one.{ending}"
     file.write_bytes(b"moving")
     assert "Policies at work" not in write_report(told_apart).read_text()

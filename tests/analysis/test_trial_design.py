@@ -75,9 +75,7 @@ def test_the_design_says_whom_where_and_with_which_seeds(trial: Trial) -> None:
     assert design.references[0] == "random"
     means = ended_runs(trial.frames).groupby(["teacher", *CELL_COLUMNS])[HEADLINE].mean()
     candidates = ("alp_gmm", "goal_gan:preset=release", "riac")
-    assert design.best == max(
-        candidates, key=lambda name: sum(means[(name, *cell.key)] for cell in design.cells)
-    )
+    assert design.best == max(candidates, key=lambda name: sum(means[(name, *c.key)] for c in design.cells))
     assert [cell.name for cell in design.cells] == ["original", "diverse_students/spider"]
     assert min(design.seeds) > trial.frames.cells["seed"].max()
     assert design.looks == LOOKS

@@ -191,8 +191,8 @@ def test_stages_are_all_of_an_experiment(name: str, student: str) -> None:
 def test_long_runs_have_the_papers_budget_and_its_knowledge() -> None:
     long = find_experiment("long_1")
     assert long.stage(None) == tuple(matrix for stage in long.stages for matrix in long.stage(stage))
-    assert {(m.students, m.steps, m.test_every) for m in long.matrices} == {
-        (("ppo:preset=decisive",), 20_000_000, 2)
+    assert {(*m.students, m.steps, m.test_every) for m in long.matrices} == {
+        ("ppo:preset=decisive", 20_000_000, 2)
     }
     sizes = {
         stage: sum(len(m.teachers) * len(m.embodiments) * len(m.seeds) for m in matrices)

@@ -176,9 +176,8 @@ def test_a_second_campaign_on_the_same_root_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_plugin_that_the_workers_lack_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "only_here.py").write_text(
-        "from tma_ray.teachers.random import Random\nclass Mine(Random): ...\n"
-    )
+    code = "from tma_ray.teachers.random import Random\nclass Mine(Random): ...\n"
+    (tmp_path / "only_here.py").write_text(code)
     monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(ValueError, match=r"no module 'only_here'.*Ray was connected before"):
         execute(campaign(corridor("only_here:Mine")), tmp_path / "root")

@@ -177,9 +177,7 @@ def test_the_entry_point_is_a_command_that_may_be_repeated() -> None:
     assert (options.address, options.autoscaling, options.yes) == ("auto", True, True)
     assert options.results.startswith("/results/")
     assert MANIFEST["spec"]["backoffLimit"] > 0
-    assert "sleep 120" in MANIFEST["spec"]["entrypoint"], (
-        "the root of a campaign that was killed is held so long"
-    )
+    assert "sleep 120" in MANIFEST["spec"]["entrypoint"], "a killed campaign's root is held so long"
 
 
 def test_the_image_has_this_version_one_layer_of_locked_packages_and_no_root() -> None:

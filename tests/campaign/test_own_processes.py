@@ -5,6 +5,7 @@ import stat
 import subprocess
 import sys
 from pathlib import Path
+from subprocess import PIPE, Popen
 
 import psutil
 import pytest
@@ -19,7 +20,7 @@ def test_children_of_the_node_manager_may_end_and_the_node_manager_may_not(tmp_p
     raylet = shutil.copy(bash, tmp_path / "raylet")
     processes = LocalRayWatch()
     command = [raylet, "-c", f"{raylet} -c 'echo; read line'; echo; read line"]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as node:
+    with Popen(command, stdin=PIPE, stdout=PIPE, text=True) as node:
         node.stdout.readline()
         (child,) = psutil.Process(node.pid).children()
         assert child.name() == "raylet"
@@ -44,9 +45,7 @@ def test_what_has_closed_its_ports_is_lost(tmp_path: Path, monkeypatch: pytest.M
         "import socket, sys; sys.stdin.readline(); server = socket.create_server(('127.0.0.1', 0))\n"
         "print(flush=True); sys.stdin.readline(); server.close(); print(flush=True); sys.stdin.readline()"
     )
-    with subprocess.Popen(
-        [python, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    ) as head:
+    with Popen([python, "-c", code], stdin=PIPE, stdout=PIPE, text=True) as head:
         assert processes.failure_reason() is None, "it has not begun to serve"
         for lost in (False, True):
             head.stdin.write("\n")

@@ -71,9 +71,8 @@ def folder(tmp_path: Path) -> Path:
     (folder / "script.py").write_text(GUARDED)
     (folder / "helper.py").write_text(HELPER)
     (folder / "idle_student.py").write_text(Path(__file__).with_name("idle_student.py").read_text())
-    (folder / "world.py").write_text(
-        (ROOT / "tests/runs/corridor.py").read_text().replace("Corridor", "World")
-    )
+    corridor = (ROOT / "tests/runs/corridor.py").read_text()
+    (folder / "world.py").write_text(corridor.replace("Corridor", "World"))
     return folder
 
 
@@ -139,8 +138,6 @@ def test_an_example_learns(address: str, tmp_path: Path) -> None:
     (run,) = Results.open(tmp_path / "root").runs()
     assert run.run.teacher == "frontier_teacher:Frontier"
     assert json.loads(run.run.spec)["mastery_threshold"] == -200
-    evaluations = rows(tmp_path / "root", Table.EVALUATIONS)
-    first, last = (
-        sum(row["episodic_return"] for row in evaluations if row["step"] == step) for step in (0, 2000)
-    )
+    tested = rows(tmp_path / "root", Table.EVALUATIONS)
+    first, last = (sum(row["episodic_return"] for row in tested if row["step"] == at) for at in (0, 2000))
     assert last > 0.85 * first, "costs have fallen"

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from analysis.commands import rankings
+from analysis.pages import report
 from tma_ray import cli
 from tma_ray.benchmark import (
     EXPERIMENTS,
@@ -228,10 +230,8 @@ def test_the_results_that_an_experiment_ends_with(monkeypatch: pytest.MonkeyPatc
     """A search shows its best points, others the ranking at the share of the budget that they are read at."""
     shown: list[object] = []
     monkeypatch.setattr(experiments, "execute_experiment", lambda experiment, options: 0)
-    monkeypatch.setattr(
-        "analysis.commands.rankings.show_ranking", lambda root, share: shown.append((root, share))
-    )
-    monkeypatch.setattr("analysis.commands.rankings.show_search", shown.append)
+    monkeypatch.setattr(rankings, "show_ranking", lambda *arguments: shown.append(arguments))
+    monkeypatch.setattr(rankings, "show_search", shown.append)
     for experiment in EXPERIMENTS:
         assert main(["experiment", experiment.name, "--results", experiment.name]) == 0
         root = experiment.name
@@ -323,9 +323,7 @@ def code(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     measured = Throughput("any", 1e4, 1e4, 100)
     monkeypatch.setattr(costs, "measured_speeds", lambda kinds, *_: dict.fromkeys(kinds, measured))
     monkeypatch.setattr(script, "execute", lambda campaign, options: codes[0])
-    monkeypatch.setattr(
-        "analysis.pages.report.write_report", lambda root, output: Path(root) / "report" / "index.html"
-    )
+    monkeypatch.setattr(report, "write_report", lambda root, output: Path(root) / "report" / "index.html")
     return codes
 
 

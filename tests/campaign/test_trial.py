@@ -23,6 +23,7 @@ from tma_ray.cli import main
 from tma_ray.results import Results, Store, TrialFile, TrialLook, create_root
 from tma_ray.teachers import TEACHERS
 
+Looks = Callable[..., list[int]]
 PLACES = [
     ("stump_tracks", "original", "classic_bipedal", "ppo", "high"),
     ("stump_tracks", "diverse_students", "spider", "ppo", "high"),
@@ -51,15 +52,12 @@ def test_trials_of_two_settings_of_a_teacher_are_two_campaigns() -> None:
 def cost(plans: list[Plan]) -> Cost:
     """The cost of all looks at 1,000 steps a second."""
     speed = Throughput("ppo", training=1_000, playing=10_000, transition_bytes=0)
-    return estimate(
-        plans[-1], ExecutionConfig(), {speed_key(spec): speed for plan in plans for spec in plan.runs}
-    )
+    kinds = {speed_key(spec) for plan in plans for spec in plan.runs}
+    return estimate(plans[-1], ExecutionConfig(), dict.fromkeys(kinds, speed))
 
 
 @pytest.fixture
-def looks(
-    plans: list[Plan], cost: Cost, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> Callable[..., list[int]]:
+def looks(plans: list[Plan], cost: Cost, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Looks:
     """Run looks, each done at once; return how many runs each had."""
 
     def run(budget: float | None, ends: list[bool]) -> list[int]:
@@ -78,13 +76,13 @@ def looks(
     return run
 
 
-def test_the_next_look_begins_only_if_the_trial_goes_on(looks: Callable[..., list[int]]) -> None:
+def test_the_next_look_begins_only_if_the_trial_goes_on(looks: Looks) -> None:
     assert looks(None, [False, False]) == [6, 10]
     assert looks(None, [True]) == [6]
 
 
 def test_a_look_that_does_not_fit_into_the_budget_does_not_begin(
-    looks: Callable[..., list[int]], capsys: pytest.CaptureFixture[str]
+    looks: Looks, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert looks(0.2, []) == []
     assert "another --budget continues" in capsys.readouterr().out

@@ -55,9 +55,7 @@ class Ending:
 
 
 @pytest.fixture
-def places(
-    root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, known_speeds: None
-) -> Mapping[str, Any]:
+def places(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, known_speeds: None) -> dict[str, Any]:
     """What commands may name, right and wrong; nothing is trained, measured or found at home."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("RAY_ADDRESS", raising=False)
@@ -68,10 +66,8 @@ def places(
     (tmp_path / "file").write_text("a,b\n1,2\n")
     (tmp_path / "foreign" / "precious.txt").write_text("not ours\n")
     (tmp_path / "loop").symlink_to(tmp_path / "loop")
-    named = {
-        name: tmp_path / name
-        for name in ("empty", "foreign", "file", "loop", "missing", "new", "home", "checkout", "busy")
-    }
+    names = ("empty", "foreign", "file", "loop", "missing", "new", "home", "checkout", "busy")
+    named = {name: tmp_path / name for name in names}
     return {**named, "root": root, "run": Results.open(root).runs()[0].run.run_id}
 
 

@@ -32,9 +32,8 @@ def printed(root: Path, capsys: pytest.CaptureFixture[str], known_speeds: None) 
     def run(command: str, *more: str) -> Any:
         arguments = [word.format(root=root) for word in ARGUMENTS[command]]
         assert main([*command.split(), *arguments, *more, "--json"]) == 0
-        return json.loads(
-            capsys.readouterr().out, parse_constant=lambda text: pytest.fail(f"{text} is no JSON")
-        )
+        said = capsys.readouterr().out
+        return json.loads(said, parse_constant=lambda text: pytest.fail(f"{text} is no JSON"))
 
     return run
 

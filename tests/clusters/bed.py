@@ -179,9 +179,8 @@ class Bed:
     def __init__(self, folder: Path, names: Sequence[str], paths: Sequence[str]) -> None:
         self._paths = paths
         self.shared = folder / "shared"
-        self.nodes = {
-            name: Node(name, f"{NETWORK}.{number}", folder / name) for number, name in enumerate(names, 10)
-        }
+        numbered = enumerate(names, 10)
+        self.nodes = {name: Node(name, f"{NETWORK}.{n}", folder / name) for n, name in numbered}
         private = self.shared / ".bed"
         private.mkdir(parents=True)
         self.shared.chmod(0o1777)

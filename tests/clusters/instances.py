@@ -65,9 +65,8 @@ class Instances:
                     self._nodes.pop(name).power_off()
 
     def _start(self, instance: dict[str, Any]) -> Node:
-        node = self._bed.add(
-            instance["InstanceId"], instance["PrivateIpAddress"], instance["PublicIpAddress"]
-        )
+        described = (instance[key] for key in ("InstanceId", "PrivateIpAddress", "PublicIpAddress"))
+        node = self._bed.add(*described)
         lend_environment(node)
         self._store.make_known(node)
         # There is no network, and all packages are installed already.

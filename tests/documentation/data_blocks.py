@@ -14,9 +14,7 @@ from tma_ray.students import STUDENTS
 from tma_ray.tasks import TestSet
 from tma_ray.teachers import TEACHERS
 
-REGISTRIES: dict[str, Registry] = {
-    each.entry_point_group: each for each in (TEACHERS, STUDENTS, ENVIRONMENTS)
-}
+REGISTRIES: dict[str, Registry] = {one.entry_point_group: one for one in (TEACHERS, STUDENTS, ENVIRONMENTS)}
 
 
 def check_toml(text: str, folder: Path) -> None:

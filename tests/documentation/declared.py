@@ -123,7 +123,5 @@ def exempt(page: str, text: str) -> bool:
 
 def exit_code(page: str, command: str) -> int:
     """Return the expected exit code of a command."""
-    codes = (
-        each.code for each in ENDINGS if fnmatch(page, each.pages) and command.startswith(each.beginning)
-    )
+    codes = (it.code for it in ENDINGS if fnmatch(page, it.pages) and command.startswith(it.beginning))
     return next(codes, 0)

@@ -140,9 +140,8 @@ def _rows(lines: list[str], first: int) -> Iterator[str]:
 
 
 def _numeric(rows: list[str]) -> float:
-    cells = [
-        cell for row in rows for cell in re.split(r"(?<!\\)\|", row.strip().strip("|"))[1:] if cell.strip()
-    ]
+    columns = (re.split(r"(?<!\\)\|", row.strip().strip("|"))[1:] for row in rows)
+    cells = [cell for row in columns for cell in row if cell.strip()]
     return sum(bool(re.search(r"\d", re.sub(r"`[^`]*`", "", cell))) for cell in cells) / max(1, len(cells))
 
 

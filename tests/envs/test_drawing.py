@@ -141,9 +141,7 @@ def test_swinging_creepers_are_drawn_where_they_are(engine: str, monkeypatch: py
     engine_in_use.cache_clear()
     np.testing.assert_allclose(still.creepers[-1], moved.creepers[-1], atol=1e-6)  # far away, at rest
     assert np.abs(moved.creepers[:, 3]).max() > 0.05  # one is turned
-    seen = [
-        frame_of("climbing_chimpanzee", replace(moved, creepers=c)) for c in (still.creepers, moved.creepers)
-    ]
+    seen = [frame_of("climbing_chimpanzee", replace(moved, creepers=at.creepers)) for at in (still, moved)]
     assert np.any(seen[0] != seen[1])
 
 

@@ -54,14 +54,11 @@ class _Answers(BaseHTTPRequestHandler):
             if files is None:
                 return
             if request == ["tree"]:
-                recursive = (
-                    parse_qs(urlsplit(self.path).query).get("recursive", ["False"])[0].lower() == "true"
-                )
-                self._tree(files, "/".join(rest), recursive)
+                recursive = parse_qs(urlsplit(self.path).query).get("recursive", ["False"])[0]
+                self._tree(files, "/".join(rest), recursive.lower() == "true")
             else:
-                self._json(
-                    {"_id": repository, "id": repository, "private": False, "tags": [], "siblings": []}
-                )
+                names = {"_id": repository, "id": repository}
+                self._json({**names, "private": False, "tags": [], "siblings": []})
         else:
             self._file("/".join(path[1:3]), "/".join(path[5:]))
 

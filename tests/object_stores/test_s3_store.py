@@ -18,6 +18,8 @@ from tma_ray.results.storage import bucket
 LARGE = bytes(11_000_000)
 """Two parts of an upload."""
 
+PARTS = [pytest.param(f"partNumber={part}", marks=pytest.mark.slow) for part in (1, 2)]
+
 
 @pytest.fixture
 def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -83,7 +85,7 @@ def test_a_lasting_failure_names_the_file_and_loses_nothing(s3_root: str, proxy:
     actions = {"write_bytes": (b"new",), "read_bytes": (), "move": ("x",), "delete": ()}
     for action in (partial(getattr(store, name), "tables/file", *more) for name, more in actions.items()):
         with pytest.raises(
-            ObjectStoreError, match=rf"{s3_root}/tables/file: the object store went on failing"
+            ObjectStoreError, match=f"{s3_root}/tables/file: the object store went on failing"
         ):
             action()
     proxy.refuse = lambda method, path: False
@@ -92,9 +94,7 @@ def test_a_lasting_failure_names_the_file_and_loses_nothing(s3_root: str, proxy:
 
 
 @pytest.mark.usefixtures("impatient")
-@pytest.mark.parametrize(
-    "part", [*(pytest.param(f"partNumber={part}", marks=pytest.mark.slow) for part in (1, 2)), "POST"]
-)
+@pytest.mark.parametrize("part", [*PARTS, "POST"])
 def test_a_large_upload_that_fails_midway_leaves_no_object(s3_root: str, proxy: Proxy, part: str) -> None:
     store = Store.open(s3_root)
     proxy.refuse = lambda method, path: part in path or (method == part and "uploadId" in path)
@@ -109,11 +109,10 @@ def test_a_large_upload_that_fails_midway_leaves_no_object(s3_root: str, proxy: 
 
 def test_a_missing_bucket_is_refused_by_name(s3_root: str) -> None:
     store = Store.open("s3://no-such-bucket/root")
-    for check in (lambda: check_usable(store), lambda: Results(store)):
-        with pytest.raises(
-            ObjectStoreError, match=r"s3://no-such-bucket/root\S*: the bucket does not exist; create"
-        ):
-            check()
+    missing = r"s3://no-such-bucket/root\S*: the bucket does not exist; create"
+    for check in (check_usable, Results):
+        with pytest.raises(ObjectStoreError, match=missing):
+            check(store)
 
 
 def test_missing_rights_are_refused_and_all_rights_leave_nothing(s3_root: str, proxy: Proxy) -> None:

@@ -131,9 +131,8 @@ def test_random_full_torque_breaks_nothing(body: Embodiment, task: tuple[float, 
     assert max(depth) < 0.2
     assert np.percentile(depth, 99) < 0.06
     assert np.percentile(drift, 99) < 0.02
-    assert np.percentile(overshoot, 99) < (
-        0.1 if body.substeps == 2 else 0.2
-    )  # few, or light and strong limbs
+    most = 0.1 if body.substeps == 2 else 0.2  # few, or light and strong limbs
+    assert np.percentile(overshoot, 99) < most
 
 
 def test_a_positive_action_opens_its_joint(make_engine, body: Embodiment) -> None:

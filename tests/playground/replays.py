@@ -33,10 +33,10 @@ def sine_of_the_page(place: Path) -> dict[str, str]:
 
 
 def recorded(
-    place: Path, episodes: int, steps: int, bodies: tuple[str, ...], sine: dict[str, str]
+    place: Path, count: int, steps: int, bodies: tuple[str, ...], sine: dict[str, str]
 ) -> list[Path]:
     """Record episodes to `place`; return a file per body and environment."""
-    command = [sys.executable, str(HERE / "episodes.py"), str(place), str(episodes), str(steps), *bodies]
+    command = [sys.executable, str(HERE / "episodes.py"), str(place), str(count), str(steps), *bodies]
     subprocess.run(command, env=os.environ | sine, check=True)
     return sorted(place.glob("*.json"))
 

@@ -38,10 +38,8 @@ def opened(browser: Browser, file: Path) -> Iterator[Opener]:
     troubles: list[str] = []
     pages: list[Page] = []
 
-    def opener(
-        size: dict[str, int] = DESK, mode: Literal["light", "dark"] = "light", path: Path = file
-    ) -> Page:
-        page = browser.new_page(viewport=size, color_scheme=mode)  # type: ignore[arg-type]
+    def opener(size: Any = DESK, mode: Literal["light", "dark"] = "light", path: Path = file) -> Page:
+        page = browser.new_page(viewport=size, color_scheme=mode)
         page.on("pageerror", lambda error: troubles.append(str(error)))
         page.on("request", lambda request: troubles.append(request.url))
         page.goto(path.as_uri())

@@ -288,17 +288,15 @@ def test_an_old_root_without_marks_is_read_and_continued(tmp_path: Path) -> None
     assert left.read_text() == "half"
 
 
-@pytest.mark.parametrize(
-    "listed", ["notes.parquet", "root.json", "tables/evaluations", "tables/a/b/c.parquet"]
-)
-def test_a_journal_of_others_deletes_no_other_files(tmp_path: Path, listed: str) -> None:
+@pytest.mark.parametrize("name", ["notes.parquet", "root.json", "tables/evaluations", "tables/a/b/c.parquet"])
+def test_a_journal_of_others_deletes_no_other_files(tmp_path: Path, name: str) -> None:
     store = finished(tmp_path).store
-    if not (tmp_path / listed).exists():
-        store.write_bytes(listed, b"theirs")
-    store.write_bytes(JOURNAL, f'{{"unless_used": [], "replaced": ["{listed}"]}}'.encode())
+    if not (tmp_path / name).exists():
+        store.write_bytes(name, b"theirs")
+    store.write_bytes(JOURNAL, f'{{"unless_used": [], "replaced": ["{name}"]}}'.encode())
     with pytest.warns(DamagedFileWarning, match=r"compacting\.json is damaged.*expected a file of a table"):
         compact(tmp_path)
-    assert (tmp_path / listed).exists()
+    assert (tmp_path / name).exists()
 
 
 def test_nobody_is_asked_to_stop_through_a_link(root: Path, outside: Path) -> None:

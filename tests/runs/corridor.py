@@ -1,5 +1,7 @@
 """Gymnasium environment with episodes of a few steps, for many episodes in a small budget."""
 
+from __future__ import annotations
+
 from typing import Any
 
 import gymnasium

@@ -6,6 +6,8 @@ python small_runs.py FOLDER ...   # each with a spec.json; its results root is F
 import json
 import sys
 from collections.abc import Callable
+from itertools import count
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +19,7 @@ from tma_ray.runs import Cell, InlineTeacher, Placement, RunSpec, Schedule, effe
 from tma_ray.runs.run import Run
 from tma_ray.tasks import KnowledgeLevel, Task
 
-SCHEDULE = Schedule(
-    steps=3_000, evaluation_interval=1_000, probe_interval=500, probe_size=10, training_window=1_000
-)
+SCHEDULE = Schedule(3_000, 1_000, probe_interval=500, probe_size=10, training_window=1_000)
 
 STUDENTS: dict[str, dict[str, Any]] = {
     "ppo": {"hidden_units": [32, 32], "steps_per_update": 400, "batch_size": 100},
@@ -83,23 +83,13 @@ def short_run(folder: Path) -> tuple[RunSpec, dict[str, bytes]]:
     return spec, data_files(folder / "undisturbed")
 
 
-def run(
-    spec: RunSpec, root: str | Path, stop_after: int | None = None, placement: Placement | None = None
-) -> str:
+def run(spec: RunSpec, root: str | Path, stop_after: float = inf, placement: Placement | None = None) -> str:
     """Execute a run, stopping after `stop_after` episodes; return the outcome."""
-    episodes = 0
-
-    def stop() -> bool:
-        nonlocal episodes
-        episodes += 1
-        return stop_after is not None and episodes >= stop_after
-
-    return run_locally(spec, Committer.open(root), placement, stop).value
+    episodes = count(1)
+    return run_locally(spec, Committer.open(root), placement, lambda: next(episodes) >= stop_after).value
 
 
-def new_run(
-    spec: RunSpec, root: str | Path, attempt: int = 0, teacher: type[InlineTeacher] = InlineTeacher
-) -> Run:
+def new_run(spec: RunSpec, root: Path, attempt: int = 0, teacher: type[InlineTeacher] = InlineTeacher) -> Run:
     """Return a new run that writes its rows to `root`."""
     return Run(spec, teacher(spec), RunWriter(Store.open(root), spec.run_id, attempt))
 

@@ -112,9 +112,7 @@ DAMAGE: dict[str, Callable[[Path], object]] = {
     "state truncated": lambda newest: rewrite(newest / "run.pickle", lambda data: data[: len(data) // 2]),
     "index removed": lambda newest: (newest / "index.json").unlink(),
     "index truncated": lambda newest: (newest / "index.json").write_text("{"),
-    "index leads out": lambda newest: rewrite(
-        newest / "index.json", lambda d: d.replace(b'"run.', b'"../run.')
-    ),
+    "index leads out": lambda new: rewrite(new / "index.json", lambda d: d.replace(b'"run.', b'"../run.')),
     "removed": shutil.rmtree,
 }
 """Of the newest checkpoint; without it, rows are left of which no checkpoint knows."""

@@ -23,9 +23,11 @@ def write(root: Path, files: dict[str, str]) -> Path:
 
 def limits(groups: str, files: dict[str, str]) -> dict[str, str]:
     """Return the files of control groups, of version 1 or 2."""
-    return {"proc/self/cgroup": groups} | {
-        f"sys/fs/cgroup/{name}": f"{text}\n" for name, text in files.items()
-    }
+    texts = {f"sys/fs/cgroup/{name}": f"{text}\n" for name, text in files.items()}
+    return {"proc/self/cgroup": groups, **texts}
+
+
+DOCKER = "/docker/a\n"
 
 
 def quota(controller: str, cores: int) -> dict[str, str]:
@@ -53,12 +55,7 @@ def test_are_all_where_there_is_no_affinity(monkeypatch: pytest.MonkeyPatch, tmp
         (limits("0::/\n", {"cpu.max": "max 100000"}), 8),
         (limits("0::/\n", {"cpu.max": "1600000 100000"}), 8),
         (limits("0::/jobs/one\n", {"jobs/cpu.max": "300000 100000", "jobs/one/cpu.max": "max 100000"}), 3),
-        (
-            limits(
-                "5:cpuset:/docker/a\n4:cpu,cpuacct:/docker/a\n0::/\n", quota("cpu", 4) | quota("cpuset", 1)
-            ),
-            4,
-        ),
+        (limits(f"5:cpuset:{DOCKER}4:cpu,cpuacct:{DOCKER}0::/\n", quota("cpu", 4) | quota("cpuset", 1)), 4),
         (limits("4:cpu:/\n", quota("cpu", 4) | {"cpu/cpu.cfs_quota_us": "-1"}), 8),
     ],
     ids=["v2", "v2 under a core", "v2 without", "v2 above", "v2 around", "v1", "v1 without"],

@@ -55,9 +55,8 @@ def test_the_lean_backward_pass_equals_autograd(layout):
     outer = torch.randn(9, layout.sizes[-1], dtype=torch.float64)
     outer[[2, 5]] = 0  # rows without a gradient
     leaf = parameters.clone().requires_grad_()
-    expected = torch.autograd.grad(
-        forward(split(leaf, layout), inputs, layout.activation), (inputs, leaf), outer
-    )
+    outputs = forward(split(leaf, layout), inputs, layout.activation)
+    expected = torch.autograd.grad(outputs, (inputs, leaf), outer)
     network = Network(parameters, layout)
     found = torch.autograd.grad(network(inputs), (inputs, network.parameters), outer)
     for gradient, wanted in zip(found, expected, strict=True):

@@ -16,7 +16,7 @@ from suite.processes import python
 from tma_ray.students import Learner, make_rollout_worker
 from tma_ray.students.cohort.server import LearnerServer
 from tma_ray.students.ppo import PPO
-from tma_ray.students.rollout_workers import CohortSettings, LearnerError, LearnerLostError, ask_learner
+from tma_ray.students.rollout_workers import CohortSettings, LearnerError, LearnerLostError, ask_learner, link
 from tma_ray.students.rollout_workers.base import RolloutWorker
 from tma_ray.students.rollout_workers.link import SharedBuffer, buffer_size
 
@@ -205,9 +205,7 @@ def test_shared_memory_changes_no_bit(tmp_path, monkeypatch, name):
     played = []
     for shared in (True, False):
         with monkeypatch.context() as patch, serving(tmp_path / str(shared)) as (learner, server):
-            patch.setattr(
-                "tma_ray.students.rollout_workers.link.has_shared_memory", lambda shared=shared: shared
-            )
+            patch.setattr(link, "has_shared_memory", lambda shared=shared: shared)
             player = player_of(learner, name)
             played.append(actions_of(train(player, Drift(seed=5), 160)))
             assert len(server._buffers) == shared

@@ -110,9 +110,7 @@ def test_it_learns_goes_on_from_its_files_and_leaves_the_global_generators(name,
     assert (values.shape, values.dtype) == ((20,), np.float64)
     assert np.isfinite(values).all()
     first.save_policy(tmp_path)
-    assert (
-        load_policy(name, tmp_path)(OBSERVATIONS).shape == first.act_greedily(OBSERVATIONS).shape == (20, 2)
-    )
+    assert {act(OBSERVATIONS).shape for act in (load_policy(name, tmp_path), first.act_greedily)} == {(20, 2)}
     first.reset()
     train(first, Drift(), 80)
     assert states() == before

@@ -49,9 +49,8 @@ def test_knowledge_follows_the_paper() -> None:
     }
     assert [levels[level].mastery_threshold for level in KnowledgeLevel] == [None, 230, 230]
     np.testing.assert_array_equal(levels[KnowledgeLevel.HIGH].initial.mean, [0, 10, 6])
-    np.testing.assert_array_equal(
-        levels[KnowledgeLevel.NONE].initial.mean, levels[KnowledgeLevel.LOW].initial.mean
-    )
+    means = (levels[level].initial.mean for level in (KnowledgeLevel.NONE, KnowledgeLevel.LOW))
+    np.testing.assert_array_equal(*means)
     for knowledge in levels.values():
         np.testing.assert_allclose(np.sqrt(knowledge.initial.variance), [0.6, 1e-3, 0.6])
         np.testing.assert_allclose(np.sqrt(knowledge.target.variance), [1.5, 1e-3, 1.5])

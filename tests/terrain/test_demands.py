@@ -10,18 +10,14 @@ from tma_ray.terrain import FIXED, GROUND_HEIGHT, Terrain
 from tma_ray.terrain.terrain import TERRAIN_STEP
 
 GOAL_X = 215 * TERRAIN_STEP
+Heights = np.ndarray | float
 
 
-def world(
-    ground: np.ndarray | float = 0.0,
-    ceiling: np.ndarray | float = 20.0,
-    water: float = -100.0,
-    creepers: np.ndarray | None = None,
-) -> Terrain:
+def world(ground: Heights = 0.0, ceiling: Heights = 20.0, water: float = -100.0, creepers=None) -> Terrain:
     """Return a world whose ground and ceiling (220,), one value a terrain step, are given over the start."""
     ends = np.array([-20.0, *(np.arange(20, 220) * TERRAIN_STEP), 219 * TERRAIN_STEP + 20])
 
-    def segments(heights: np.ndarray | float) -> np.ndarray:
+    def segments(heights: Heights) -> np.ndarray:
         track = np.broadcast_to(heights, 220)[20:] + GROUND_HEIGHT
         values = np.concatenate([track[:1], track, track[-1:]])
         return np.column_stack([ends[:-1], values[:-1], ends[1:], values[1:]])
@@ -45,9 +41,8 @@ def creepers_every(distance: float) -> np.ndarray:
 
 
 def test_a_flat_dry_high_world_demands_little_of_a_walker() -> None:
-    assert demands(world(), "walker") == pytest.approx(
-        {"rise": 0, "drop": 0, "clearance": 3 / 20, "depth": 0}
-    )
+    expected = {"rise": 0, "drop": 0, "clearance": 3 / 20, "depth": 0}
+    assert demands(world(), "walker") == pytest.approx(expected)
 
 
 def test_rises_and_drops_count_over_a_walkers_length() -> None:

@@ -63,9 +63,7 @@ def test_adr_grows_from_a_start_that_is_easy() -> None:
 @pytest.mark.slow
 def test_adr_is_stopped_by_cliffs() -> None:
     """A box cannot jump over intervals that are too hard to those behind that are not."""
-    assert_greater(
-        mastered("original", "adr", HIGH, 10_000), mastered("rugged_difficulty", "adr", HIGH, 10_000)
-    )
+    assert_greater(*(mastered(each, "adr", HIGH, 10_000) for each in ("original", "rugged_difficulty")))
 
 
 @pytest.mark.slow
