@@ -1,7 +1,5 @@
 """Heavy libraries are imported by what needs them, and by nothing else: a start is mostly imports."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 

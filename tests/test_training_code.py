@@ -1,7 +1,5 @@
 """Training code of others on our worlds: the adapter for stable-baselines3, the page's block for Tianshou."""
 
-from __future__ import annotations
-
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Results roots of plausible synthetic runs, written as by a campaign."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Mapping, Sequence

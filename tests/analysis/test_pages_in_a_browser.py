@@ -1,7 +1,5 @@
 """Reports and comparisons as a reader meets them: in headless Chromium, on a desk and on a phone."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Head node of Ray for a test, isolated from other clusters and the user's home."""
 
-from __future__ import annotations
-
 import os
 import secrets
 import signal

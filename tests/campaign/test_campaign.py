@@ -1,7 +1,5 @@
 """Campaigns of short real runs on a real Ray."""
 
-from __future__ import annotations
-
 import io
 import time
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Attempts in processes of this machine, without Ray: alone and in a cohort."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path

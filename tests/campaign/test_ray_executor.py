@@ -1,7 +1,5 @@
 """The executor of Ray actors with actors that are threads: endings, losses, room."""
 
-from __future__ import annotations
-
 import traceback
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence

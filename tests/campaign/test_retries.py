@@ -1,7 +1,5 @@
 """Runs whose process is lost, silent or out of sight; storages that refuse for a while."""
 
-from __future__ import annotations
-
 import threading
 from pathlib import Path
 from typing import Any

@@ -8,8 +8,6 @@ undamaged files was lost, if `verify` overlooked a change of a file that readers
 without naming a damaged file, or if the tables of resumed runs differ from those of undisturbed runs.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import io

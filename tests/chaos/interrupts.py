@@ -6,8 +6,6 @@ python tests/chaos/interrupts.py --tries 1000 --seed 7
 Prints the number of commands that ended as expected, and exits with 1 if any did not.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import random

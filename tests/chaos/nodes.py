@@ -3,8 +3,6 @@
 Ray has one connection per process, which tests of other folders use.
 """
 
-from __future__ import annotations
-
 import itertools
 import multiprocessing
 import os

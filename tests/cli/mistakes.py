@@ -1,7 +1,5 @@
 """Mistakes on the command line, generated from the parser: every option with every kind of wrong value."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache

@@ -1,7 +1,5 @@
 """Every mistake on the command line is refused by name within a second, and none ends in a traceback."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import os

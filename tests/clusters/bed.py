@@ -9,8 +9,6 @@ By hand, until Enter is pressed::
     python tests/clusters/bed.py head one two
 """
 
-from __future__ import annotations
-
 import os
 import platform
 import shlex

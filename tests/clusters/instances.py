@@ -1,7 +1,5 @@
 """Virtual machines for the instances that a launcher starts on a mock server of AWS."""
 
-from __future__ import annotations
-
 import json
 import threading
 from typing import Any

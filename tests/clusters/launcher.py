@@ -1,7 +1,5 @@
 """Machine of a user who calls Ray's cluster launcher."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 from collections.abc import Sequence

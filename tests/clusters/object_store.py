@@ -1,7 +1,5 @@
 """Object store on a node of a test bed: moto's server with one bucket."""
 
-from __future__ import annotations
-
 import json
 
 from bed import REPOSITORY, VENV, Bed, Node

@@ -1,7 +1,5 @@
 """Slurm on the nodes of a test bed, with separate daemons and a shared checkout."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from pathlib import Path

@@ -4,8 +4,6 @@ A folder `version_N` holds a root and a release of two short runs as the code of
 `expected.json`: what their policies did, and what they returned in evaluations, as that code read it.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

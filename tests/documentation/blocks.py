@@ -1,7 +1,5 @@
 """Code blocks and inline commands in the pages of the documentation."""
 
-from __future__ import annotations
-
 import re
 import textwrap
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Changes to the code of pages before it is run, and code that is not run, with reasons."""
 
-from __future__ import annotations
-
 from fnmatch import fnmatch
 from typing import NamedTuple
 

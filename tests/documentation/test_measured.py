@@ -7,8 +7,6 @@ A line before the table, or at the head of its section, says it, for instance::
     *Measured independently of versions: requests of a store.*
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Mock server of Hugging Face's hub, for reading and writing data sets."""
 
-from __future__ import annotations
-
 import base64
 import json
 import threading

@@ -1,7 +1,5 @@
 """Proxy of an S3 server that records requests and refuses some of them."""
 
-from __future__ import annotations
-
 import http.client
 from collections import Counter
 from collections.abc import Callable

@@ -3,8 +3,6 @@
 ``python tests/physics/behaviour.py`` prints the tables of docs/fidelity.md.
 """
 
-from __future__ import annotations
-
 import csv
 import sys
 from collections.abc import Iterator

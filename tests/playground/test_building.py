@@ -1,7 +1,5 @@
 """What was built and committed: the engine, and the page of the documentation."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import subprocess

@@ -1,7 +1,5 @@
 """Models of stable-baselines3 equivalent to the students, in float32 or float64."""
 
-from __future__ import annotations
-
 from itertools import cycle
 
 import numpy as np

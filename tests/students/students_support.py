@@ -1,7 +1,5 @@
 """Small environment and training loop for tests of students."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterator
 from itertools import islice

@@ -1,7 +1,5 @@
 """Saved policies: they act as the student did, hold no pickles, and damaged or hostile ones are refused."""
 
-from __future__ import annotations
-
 import json
 import pickle
 import struct

@@ -3,8 +3,6 @@
 Unlike wall time, processor time does not depend on other processes of the machine.
 """
 
-from __future__ import annotations
-
 import os
 import resource
 import time

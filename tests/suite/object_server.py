@@ -1,7 +1,5 @@
 """Local S3 server in a separate process that can be frozen."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Small stacked learners of PPO and SAC, with runs that depend only on a seed."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
