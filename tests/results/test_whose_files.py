@@ -175,8 +175,8 @@ def test_nothing_goes_through_a_link_out_of_the_root(
     store.write_bytes("ours", b"ours")
     (root / "link").symlink_to(outside)
     before = contents(outside)
-    outside = r"root/link.* is damaged: a symbolic link leads out of the root"
-    with pytest.raises(DamagedFileError, match=outside):
+    refusal = r"root/link.* is damaged: a symbolic link leads out of the root"
+    with pytest.raises(DamagedFileError, match=refusal):
         access(store)
     assert contents(outside) == before
     assert store.read_bytes("ours") == b"ours"
