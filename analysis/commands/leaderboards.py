@@ -92,7 +92,9 @@ def show_leaderboards(
             if budgets := compare_budgets(frames, board.runs):
                 tell(console, budgets.sentence(), "dim")
             if challenges:
-                console.print(_challenges(board))
+                for axis in COLUMN_AXES:
+                    tell(console, f"{_on_each(board)}, {MEASURES[axis]}:")
+                    console.print(_challenges(board, axis))
             tell(console, "")
         for line in _trial_lines(location) if trials else ():
             tell(console, line)
@@ -173,11 +175,11 @@ def markdown(name: str, pictures: str = ".") -> str:
             parts.append(f"*{ORDERS}*")
             rows = [budgets.row(budget) for budget in budgets.budgets[1:]]
             parts.append(pipe_table(BUDGET_HEADS, rows, range(1, len(BUDGET_HEADS))))
-        results = [[board.marked(entry), *_results(board, entry)] for entry in board.entries]
-        head = ["teacher", *map(short_title, board.challenges)]
-        parts.append(
-            folded("On each challenge, over training", pipe_table(head, results, range(1, len(head))))
-        )
+        head = ["teacher", *map(short_title, board.columns)]
+        for axis in COLUMN_AXES:
+            results = [[board.marked(entry), *_results(board, entry, axis)] for entry in board.entries]
+            table = pipe_table(head, results, range(1, len(head)))
+            parts.append(folded(f"{_on_each(board)}, {MEASURES[axis]}", table))
     parts.append(folded("Ceilings", "\n\n".join(ceiling_sentences(frames))))
     return "\n\n".join(parts) if len(parts) > 1 else "No run has been evaluated here."
 
@@ -263,18 +265,22 @@ def _table(board: Leaderboard) -> Table:
     return table
 
 
-def _challenges(board: Leaderboard) -> Table:
-    """Return a table of results by challenge, without decimals, to fit six challenges on a line."""
+def _on_each(board: Leaderboard) -> str:
+    return "On each body" if board.bodies else "On each challenge"
+
+
+def _challenges(board: Leaderboard, axis: str) -> Table:
+    """Return a table of results by challenge or body, without decimals, to fit six on a line."""
     table = Table(box=None, pad_edge=False, padding=(0, 0, 0, 1))
     table.add_column("teacher", width=TEACHER_WIDTH, overflow="fold")
-    for title in board.challenges:
+    for title in board.columns:
         table.add_column(short_title(title), justify="right", max_width=CHALLENGE_WIDTH, overflow="fold")
     for entry in board.entries:
-        results = (text.replace(", ", ",") for text in _results(board, entry))
+        results = (text.replace(", ", ",") for text in _results(board, entry, axis))
         table.add_row(board.marked(entry), *results)
     return table
 
 
-def _results(board: Leaderboard, entry: Entry) -> list[str]:
-    results = (entry.results.get(title) for title in board.challenges)
+def _results(board: Leaderboard, entry: Entry, axis: str) -> list[str]:
+    results = (entry.results[axis].get(title) for title in board.columns)
     return [estimate(*result, 0) if result else "" for result in results]

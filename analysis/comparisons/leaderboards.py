@@ -3,12 +3,14 @@
 `runs` are rows of `pooling.pool_runs` everywhere, and `measure` is a column of them, in per cent.
 """
 
+import itertools
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from analysis.comparisons.against_random import AgainstRandom, Gap, against_random
@@ -42,14 +44,14 @@ class Entry:
     Attributes:
         ranks: rank over all challenges by each of `AXES`.
         against: comparison with Random; None for Random, and without results of Random.
-        results: mean of the headline in per cent and both ends of its 95 % interval by the title of the
-            challenge; ends are NaN if runs have no spread.
+        results: mean in per cent and both ends of its 95 % interval by each of `AXES` and by title of
+            `Leaderboard.columns`; ends are NaN if runs have no spread.
         trained: median share of the steps from which the student learned, in per cent; NaN if unknown.
     """
 
     ranks: Mapping[str, Rank]
     against: AgainstRandom | None
-    results: Mapping[str, tuple[float, float, float]]
+    results: Mapping[str, Mapping[str, tuple[float, float, float]]]
     trained: float
 
     @property
@@ -65,7 +67,8 @@ class Leaderboard:
     Attributes:
         title: level, budget and engine; environments and conditions if they differ between leaderboards;
             number of challenges if it is not all of them.
-        challenges: titles, in the order of the columns.
+        challenges: titles of the challenges.
+        bodies: titles of the bodies if there is one challenge with several, such as Parkour's; else empty.
         entries: teachers, the best in the end first.
         names: shortest distinct label of each teacher; see `names.distinct_labels`.
         runs: its rows of `pooling.pool_runs`.
@@ -73,9 +76,15 @@ class Leaderboard:
 
     title: str
     challenges: tuple[str, ...]
+    bodies: tuple[str, ...]
     entries: tuple[Entry, ...]
     names: Mapping[str, str]
     runs: pd.DataFrame = field(repr=False, compare=False)
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Titles of the columns of results: challenges and bodies."""
+        return (*self.challenges, *self.bodies)
 
     @property
     def newcomers(self) -> bool:
@@ -114,14 +123,14 @@ class Leaderboard:
         return f"{self.names[entry.teacher]}{' ' * bool(marks)}{marks}{mark_of(entry.teacher)}"
 
     def on_each_challenge(self, axis: str) -> dict[tuple[str, str], Gap]:
-        """Return the differences from Random in a measure, by teacher and challenge title.
+        """Return the differences from Random in a measure, by teacher and title of `columns`.
 
-        On each challenge the tests of the core against Random are a family, and so is that of each newcomer.
+        In each column the tests of the core against Random are a family, and so is that of each newcomer.
         """
-        tests = pairwise(self.runs, axis, BASELINE, detectable=False)
         return {
-            (str(test["first"]), challenge_title(test["environment"], test["challenge"])): Gap.of(test)
-            for _, test in tests.iterrows()
+            (str(test["first"]), title): Gap.of(test)
+            for title, runs in _columns(self.runs).items()
+            for _, test in pairwise(runs, axis, BASELINE, detectable=False).iterrows()
             if test["second"] in self.names
         }
 
@@ -228,13 +237,12 @@ def _distinction(where: Mapping[str, Any], part: pd.DataFrame, runs: pd.DataFram
 def _board(
     where: Mapping[str, Any], runs: pd.DataFrame, frames: Frames, distinction: Sequence[str]
 ) -> Leaderboard:
-    results: dict[str, dict[str, tuple[float, float, float]]] = {}
-    titles: dict[str, None] = {}
-    for row in stratified_means(runs, HEADLINE, [*ACROSS, *CHALLENGE]).to_dict("records"):
-        name = challenge_title(row["environment"], row["challenge"])
-        titles.setdefault(name)
-        result = float(row["difference"]), float(row["low"]), float(row["high"])
-        results.setdefault(str(row["teacher"]), {})[name] = result
+    columns, bodies = _columns(runs), _bodies(runs)
+    results: dict[str, dict[str, dict[str, tuple[float, float, float]]]] = {}
+    for axis, (name, part) in itertools.product(AXES, columns.items()):
+        for row in stratified_means(part, axis, [*ACROSS, *CHALLENGE]).to_dict("records"):
+            by_axis = results.setdefault(str(row["teacher"]), {axis: {} for axis in AXES})
+            by_axis[axis][name] = float(row["difference"]), float(row["low"]), float(row["high"])
     shares = runs["run_id"].map(trained_shares(frames)).groupby(runs["teacher"]).median()
     ranked = {axis: {rank.teacher: rank for rank in ranks(runs, measure=axis)} for axis in AXES}
     compared = {gaps.teacher: gaps for gaps in against_random(frames, runs)}
@@ -253,7 +261,28 @@ def _board(
     heading = ", ".join([f"expert knowledge {where['expert_knowledge']}", budget, engine, *distinction])
     if challenges < where["of"]:
         heading += f": the {len(entries)} teachers on {challenges} of {where['of']} challenges"
-    return Leaderboard(heading, tuple(titles), entries, distinct_labels(results), runs)
+    return Leaderboard(
+        title=heading,
+        challenges=tuple(columns)[: len(columns) - len(bodies)],
+        bodies=tuple(columns)[len(columns) - len(bodies) :],
+        entries=entries,
+        names=distinct_labels(results),
+        runs=runs,
+    )
+
+
+def _columns(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    """Return the runs of each challenge, and those of the bodies of a single challenge, by title."""
+    titles = [challenge_title(*key) for key in zip(runs["environment"], runs["challenge"], strict=True)]
+    columns = {str(name): part for name, part in runs.groupby(np.array(titles, dtype=object))}
+    return columns | {title("embodiment", body): runs[runs["embodiment"] == body] for body in _bodies(runs)}
+
+
+def _bodies(runs: pd.DataFrame) -> list[str]:
+    """Return the bodies if there are several and one challenge, else an empty list."""
+    bodies = sorted(runs["embodiment"].unique())
+    one = len(runs[["environment", "challenge"]].drop_duplicates()) == 1
+    return bodies if one and len(bodies) > 1 else []
 
 
 def overall(runs: pd.DataFrame, measure: str = HEADLINE) -> pd.DataFrame:

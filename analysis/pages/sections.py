@@ -54,25 +54,26 @@ class Answer:
     title: str  # level, budget and engine
     sentence: str  # sentence on the best teachers
     chart: PageChart  # differences from Random over all challenges
-    challenges: list[str]  # heads of the columns of challenges
+    columns: list[str]  # heads of the columns: over all, and on each challenge or body
     rows: list[Row]  # teachers, the best at the end first
     notes: list[str]  # notes below the matrix
 
 
 def answers(frames: Frames) -> Iterator[Answer]:
-    """Yield an answer for each level and budget with several challenges and results of Random."""
+    """Yield an answer for each level and budget with several challenges or bodies and results of Random."""
     for count, board in enumerate(leaderboards(frames), start=1):
         compared = [entry.against for entry in board.entries if entry.against]
-        if len(board.challenges) > 1 and compared:
+        if len(board.columns) > 1 and compared:
             best = f", the best {MOST_ROWS} in the end" if len(compared) > MOST_ROWS else ""
-            heading = f"Over all challenges{best}"
+            whole = "all bodies" if board.bodies else "all challenges"
+            heading = f"Over {whole}{best}"
             budgets = compare_budgets(frames, board.runs)
             chart = difference_chart(compared[:MOST_ROWS], board.names, heading, f"answer-{count}")
             yield Answer(
                 title=f"{board.title[0].upper()}{board.title[1:]}",
                 sentence=board.answer(),
                 chart=on_page(chart),
-                challenges=[short_title(title) for title in board.challenges],
+                columns=[whole.capitalize(), *map(short_title, board.bodies or board.challenges)],
                 rows=list(_rows(board)),
                 notes=[*notes(board), *([budgets.sentence()] if budgets else [])],
             )
@@ -86,7 +87,7 @@ def _rows(board: Leaderboard) -> Iterator[Row]:
         over_all = [_difference(axis, entry.against.gaps[axis]) for axis in CELL_AXES]
         cells = [
             [_difference(axis, on_each[axis].get((entry.teacher, title))) for axis in CELL_AXES]
-            for title in board.challenges
+            for title in board.bodies or board.challenges
         ]
         yield Row(entry.teacher, board.marked(entry), [over_all, *cells])
 

@@ -29,7 +29,7 @@ from analysis.comparisons.pairwise import over_challenges
 from analysis.data.loading import load
 from analysis.data.reference import paper_frame
 from analysis.measures.pooling import runs_after
-from analysis.measures.tested import FINAL
+from analysis.measures.tested import FINAL, HEADLINE
 from analysis.names import label
 from analysis.statistics import percent_interval
 
@@ -76,9 +76,9 @@ def test_a_leaderboard_has_ranks_results_and_differences_to_random(released: Pat
     means = {name: np.mean([mean_of(name, challenge) for challenge in CHALLENGES]) for name in TEACHERS}
     assert [entry.teacher for entry in board.entries] == sorted(TEACHERS, key=lambda name: -means[name])
     for entry in board.entries:
-        assert set(entry.results) == set(board.challenges)
+        assert all(set(results) == set(board.columns) for results in entry.results.values())
         assert (entry.against is None) == (entry.teacher == "random")
-        for mean, *ends in entry.results.values():
+        for mean, *ends in entry.results[HEADLINE].values():
             assert ends == pytest.approx(percent_interval(mean, stats.t.ppf(0.975, 2) / np.sqrt(3)))
 
 
@@ -122,7 +122,7 @@ def test_teachers_are_ranked_on_the_same_challenges_only(root: Path, tmp_path: P
     assert [entry.ranks[FINAL].rank for entry in part.entries] == [1, 2, 3, 4, 5]
     assert {rank.of for entry in part.entries for rank in entry.ranks.values()} == {5}
     assert part.entries[0].teacher == "sfl"
-    assert all(set(entry.results) == set(part.challenges) for entry in part.entries)
+    assert all(set(entry.results[FINAL]) == set(part.challenges) for entry in part.entries)
 
 
 def test_boards_have_titles_of_their_own(tmp_path: Path) -> None:
@@ -138,6 +138,10 @@ def test_boards_have_titles_of_their_own(tmp_path: Path) -> None:
         for teacher in ("random", "alp_gmm"):
             runs.seeds(teacher, [10, 30], 100, **cell)
     boards = leaderboards(load(tmp_path / "root"))
+    (of_parkour,) = (board for board in boards if board.bodies)
+    assert of_parkour.columns == ("Parkour", "Classic bipedal", "Climbing chimpanzee", "Fish")
+    assert set(of_parkour.entries[0].results[FINAL]) == set(of_parkour.columns)
+    assert {title for _, title in of_parkour.on_each_challenge(FINAL)} == set(of_parkour.columns)
     start = "expert knowledge low, 2 million steps, Chipmunk 1"
     found = {board.title: (len(board.challenges), board.entries[0].ranks[FINAL].n) for board in boards}
     titles = (f"{start}, Parkour", f"{start}, Stump Tracks", f"{start}, Stump Tracks, ppo")
@@ -149,7 +153,7 @@ def test_the_same_is_shown_in_the_terminal_and_on_the_site(released: Path, told:
     assert max(map(len, text.splitlines())) <= 100
     page = markdown(str(released))
     (board,) = leaderboards(load(released))
-    low, high = board.entries[0].results[board.challenges[0]][1:]
+    low, high = board.entries[0].results[HEADLINE][board.challenges[0]][1:]
     assert f"[{low:.0f},{high:.0f}]" in text
     assert f"[{low:.0f}, {high:.0f}]" in page
     assert "±" not in text + page
