@@ -341,9 +341,8 @@ def test_the_matrix_has_every_test_against_random_over_all_challenges_and_on_eac
     (answer,) = answers(frames)
     assert answer.sentence.startswith("The best teacher, sooner and in the end, is ADR (probability 0.99)")
     assert [row.name for row in answer.rows] == ["ADR", "RIAC"]
-    assert answer.challenges == ["Mostly trivial", "Original"]
-    columns = ("all", *answer.challenges)
-    cells = {row.teacher: dict(zip(columns, row.cells, strict=True)) for row in answer.rows}
+    assert answer.columns == ["All challenges", "Mostly trivial", "Original"]
+    cells = {row.teacher: dict(zip(answer.columns, row.cells, strict=True)) for row in answer.rows}
     for place, axis in enumerate((FINAL, *(axis for axis in AXES if axis != FINAL))):
         tests = pairwise(runs_after(frames), axis, BASELINE)
         for _, test in tests.iterrows():
@@ -351,7 +350,7 @@ def test_the_matrix_has_every_test_against_random_over_all_challenges_and_on_eac
             cell = cells[test["first"]][title][place]
             assert cell.text == number(test["difference"])
             assert cell.decided == {"better": "better", "worse": "worse"}.get(verdict(test), "")
-    assert cells["adr"]["all"][0].decided == cells["adr"]["Original"][0].decided == "better"
+    assert cells["adr"]["All challenges"][0].decided == cells["adr"]["Original"][0].decided == "better"
     assert cells["adr"]["Mostly trivial"][0].decided == ""
 
 
