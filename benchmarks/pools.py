@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import itertools
 import signal
 import threading
 import time
+from pathlib import Path
 
 from processes import LocalExecutor
 
@@ -13,7 +15,8 @@ from tma_ray.campaign.plan import Plan, lease_holder
 from tma_ray.campaign.progress import ProgressView
 from tma_ray.campaign.scheduler import Scheduler
 from tma_ray.campaign.settings import ExecutionConfig
-from tma_ray.results import Committer, Lease, Store, start_from
+from tma_ray.results import TABLES, Committer, Lease, Results, Store, add_shard, start_from
+from tma_ray.results.layout import ROOT_FILE
 from tma_ray.runs import Placement
 from tma_ray.students.rollout_workers import CohortSettings
 
@@ -29,6 +32,7 @@ def parser(description: str) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(allow_abbrev=False, description=description)
     parser.add_argument("--results", required=True, help="results root; what it holds is not done again")
     parser.add_argument("--start-from", help="release whose runs are copied first, and not done again")
+    parser.add_argument("--grow", help="small root that is copied first, and gets the runs that have ended")
     parser.add_argument("--processes", type=int, default=2, help="runs at a time")
     parser.add_argument("--cohort", type=int, default=0, help="slots of a cohort; 0: each run learns alone")
     parser.add_argument("--device", default="cpu", help="where the cohort learns, or each run")
@@ -48,6 +52,8 @@ def execute(plan: Plan, options: argparse.Namespace) -> None:
     deadline = time.monotonic() + 60 * options.minutes
     if options.start_from:
         start_from(Store.open(options.results), Store.open(options.start_from))
+    if options.grow and Store.open(options.grow).exists(ROOT_FILE):
+        start_from(Store.open(options.results), Store.open(options.grow))
     committer = Committer.open(options.results)
     runs = plan.runs[slice(*(int(part) if part else None for part in options.order.split(":")))]
     width = options.cohort
@@ -65,3 +71,8 @@ def execute(plan: Plan, options: argparse.Namespace) -> None:
             return terminated.is_set() or time.monotonic() > deadline or lease.asked_to_stop()
 
         scheduler.execute(runs, stop)
+    if options.grow:
+        grown = Store.open(options.grow)
+        shards = {Path(path).stem for path in grown.files(TABLES)}
+        name = next(name for number in itertools.count() if (name := f"part-{number}") not in shards)
+        print(f"{add_shard(Results.open(options.results), grown, name).runs} runs added to {options.grow}")
