@@ -51,7 +51,7 @@ def write_separately(root: Path, plan: Plan) -> None:
 def processor_seconds(command: list[str]) -> float:
     """Return the processor time of a `tma-ray` command, user and system, in s."""
     before = os.times()
-    subprocess.run([sys.executable, "-m", "tma_ray.cli", *command], check=True, stdout=subprocess.DEVNULL)
+    subprocess.run([sys.executable, "-m", "tma_ray", *command], check=True, stdout=subprocess.DEVNULL)
     after = os.times()
     return round(sum(after[2:4]) - sum(before[2:4]), 2)
 

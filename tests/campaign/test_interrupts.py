@@ -27,7 +27,7 @@ def start(
     root: Path, said: Path | None = None, *flags: str, environment: Mapping[str, str] = os.environ
 ) -> subprocess.Popen[bytes]:
     """Start the campaign beside its root: workers on this machine look into the driver's folder, too."""
-    command = [sys.executable, "-m", "tma_ray.cli", *ARGUMENTS.split(), str(root), *flags]
+    command = [sys.executable, "-m", "tma_ray", *ARGUMENTS.split(), str(root), *flags]
     path = os.pathsep.join([str(HELPERS), os.environ.get("PYTHONPATH", "")])
     with (said or Path(os.devnull)).open("wb") as log:
         errors = log if said else None

@@ -86,7 +86,7 @@ def test_is_closed_and_ends_with_a_core_process(tmp_path: Path, core: str, numbe
 def test_nothing_of_a_campaign_that_has_ended_is_left(tmp_path: Path) -> None:
     with tempfile.TemporaryDirectory(prefix="r", dir="/tmp") as place:  # short enough for sockets
         flags = f"--teachers random --students ppo --seeds 1 --steps 1000 --results {tmp_path / 'root'}"
-        command = [sys.executable, "-m", "tma_ray.cli", "campaign", "--local", *flags.split()]
+        command = [sys.executable, "-m", "tma_ray", "campaign", "--local", *flags.split()]
         subprocess.run(command, check=True, env={**os.environ, "TMPDIR": place}, timeout=300)
         assert list(Path(place).glob("tma_ray-*")) == []
 

@@ -106,7 +106,7 @@ def test_a_body_in_a_file_reaches_the_workers(address: str, folder: Path) -> Non
 
     def campaign() -> list[str]:
         """Run the command; return the bodies of all runs that are done."""
-        done = start("-m", "tma_ray.cli", "campaign", *names, *sizes, cwd=folder)
+        done = start("-m", "tma_ray", "campaign", *names, *sizes, cwd=folder)
         assert done.returncode == 0, done.stdout + done.stderr
         return [run["embodiment"] for run in rows(root, Table.RUNS) if run["status"] == "done"]
 

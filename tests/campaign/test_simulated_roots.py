@@ -196,7 +196,7 @@ class Blocking(Teacher):
 def test_an_ended_simulation_continues(tmp_path: Path, sent: signal.Signals, code: int, said: str) -> None:
     (tmp_path / "blocking.py").write_text(BLOCKING)
     chosen = ["--challenges", "original", "--expert-knowledge", "none", "--seeds", "3", "--episodes", "20"]
-    command = [sys.executable, "-m", "tma_ray.cli", "simulate", "--teachers", "blocking:Blocking", *chosen]
+    command = [sys.executable, "-m", "tma_ray", "simulate", "--teachers", "blocking:Blocking", *chosen]
     command += ["--results", "sim"]
     with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as simulation:
         try:

@@ -87,7 +87,7 @@ def tries(count: int, chance: random.Random) -> Iterator[Try]:
 def interrupted(words: str, after: float, folder: Path) -> Try:
     """Interrupt the process group of a command, as a terminal does."""
     environment = {**os.environ, "PYTHONPATH": str(HOUSE)}
-    command = [sys.executable, "-m", "tma_ray.cli", *words.split()]
+    command = [sys.executable, "-m", "tma_ray", *words.split()]
     output = folder / "said.txt"
     # Between fork and exec, a child has the handlers of this process, which would ignore the signal.
     handler = signal.signal(signal.SIGINT, signal.SIG_DFL)

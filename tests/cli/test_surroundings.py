@@ -81,9 +81,7 @@ def ended_in(folder: Path, *command: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "start", [(sys.executable, "-m", "tma_ray.cli"), (sys.executable, "-m", "tma_ray"), (str(SCRIPT),)]
-)
+@pytest.mark.parametrize("start", [(sys.executable, "-m", "tma_ray"), (str(SCRIPT),)])
 def test_the_users_own_files_shadow_nothing(start: tuple[str, ...], tmp_path: Path) -> None:
     for name in NAMES:
         (tmp_path / name).write_text("raise SystemExit('the file of the user was imported')\n")

@@ -204,7 +204,7 @@ ADDRESS = "hf://datasets/me/mine-1.0"
 def command(hub: Hub, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
     """Run the command in a process whose library knows `hub` and no other."""
     environment = os.environ | {"HF_ENDPOINT": hub.address, "HF_TOKEN": "secret", "COLUMNS": "80"}
-    words = [sys.executable, "-m", "tma_ray.cli", *map(str, arguments)]
+    words = [sys.executable, "-m", "tma_ray", *map(str, arguments)]
     return subprocess.run(words, env=environment, capture_output=True, text=True, check=False)
 
 

@@ -207,7 +207,7 @@ def test_mistakes_are_refused(wrong: list[str], message: str, capsys: pytest.Cap
 @pytest.mark.skipif(not Path("/proc").exists(), reason="finds the workers through /proc")
 def test_a_killed_command_leaves_no_process_behind() -> None:
     arguments = ["simulate", "--teachers", "random", "--challenges", "original", "--seeds", "500"]
-    command = subprocess.Popen([sys.executable, "-m", "tma_ray.cli", *arguments], stdout=subprocess.PIPE)
+    command = subprocess.Popen([sys.executable, "-m", "tma_ray", *arguments], stdout=subprocess.PIPE)
     children = Path(f"/proc/{command.pid}/task/{command.pid}/children")
     while len(children.read_text().split()) < 2:  # a worker, and the resource tracker of multiprocessing
         assert command.poll() is None

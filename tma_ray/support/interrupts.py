@@ -19,7 +19,7 @@ INTERRUPTED = 130  # exit code after Ctrl-C: 128 + SIGINT, as in shells
 def is_command(arguments: list[str]) -> bool:
     """Return True if an interpreter with these arguments is running the command ``tma-ray``."""
     stems = {os.path.basename(word).partition(".")[0] for word in arguments[:2]}  # noqa: PTH119
-    return bool({"tma_ray", "tma_ray.cli"} & set(arguments[1:3])) or "tma-ray" in stems
+    return "tma_ray" in arguments[1:3] or "tma-ray" in stems
 
 
 def leave_at_once(*_: object) -> None:
