@@ -1,7 +1,6 @@
 """The rules of the pilot, on curves whose areas are known."""
 
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pandas as pd
@@ -10,20 +9,13 @@ import pytest
 from tma_ray.runs import Cell, Schedule, effective_spec
 from tma_ray.tasks import KnowledgeLevel
 
-BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
+pilot = pytest.importorskip("pilot")
 SPIDER = ("diverse_students", "spider")
 
 
-@pytest.fixture
-def pilot(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    monkeypatch.syspath_prepend(str(BENCHMARKS))
-    return pytest.importorskip("pilot")
-
-
-def line(
-    end: float, student: str = "ppo", teacher: str = "random", seed: int = 1000, steps: int = 2_000_000
-) -> pd.DataFrame:
+def line(end: float, student: str = "ppo", teacher: str = "random", seed: int = 1000) -> pd.DataFrame:
     """A run that masters from 0 to `end` percent, in a line; twice as much of half of the tasks."""
+    steps = 2_000_000
     step = np.arange(0, steps + 1, 125_000)
     mastered = end * step / steps
     cell = {"challenge": "original", "embodiment": "classic_bipedal", "teacher": teacher, "student": student}
@@ -31,7 +23,7 @@ def line(
     return pd.DataFrame({**cell, "seed": seed, "steps": steps, **curve})
 
 
-def test_area_and_last_three_of_a_line(pilot: ModuleType) -> None:
+def test_area_and_last_three_of_a_line() -> None:
     (row,) = pilot.areas(pilot.every_second(line(40.0))).itertuples()
     assert (row.area, row.last_three) == pytest.approx((20.0, 35.0))
     (early,) = pilot.areas(line(40.0), until=1_000_000).itertuples()
@@ -39,14 +31,14 @@ def test_area_and_last_three_of_a_line(pilot: ModuleType) -> None:
     assert pilot.areas(line(40.0).iloc[:-1]).empty  # it is not done
 
 
-def test_schedules_that_agree_with_all_evaluations_leave_no_residuals(pilot: ModuleType) -> None:
+def test_schedules_that_agree_with_all_evaluations_leave_no_residuals() -> None:
     found = pd.concat([line(end, seed=1000 + seed) for seed, end in enumerate((10, 20, 40))])
     *_, every_second, half = pilot.schedule_table(found).splitlines()
     assert "| 1.000 | 0.00 | 3 |" in every_second
     assert "| 2.000 | 0.00 | 3 |" in half
 
 
-def compared(pilot: ModuleType, ends: dict[str, tuple[float, float]], spread: float) -> pd.DataFrame:
+def compared(ends: dict[str, tuple[float, float]], spread: float) -> pd.DataFrame:
     """Run of students under all teachers on all spaces, half of the teachers with each of two ends."""
     runs = [
         line(end + spread * place, student, teacher, 1000 + place).assign(challenge=space, embodiment=body)
@@ -66,15 +58,15 @@ def compared(pilot: ModuleType, ends: dict[str, tuple[float, float]], spread: fl
     ],
 )
 def test_the_student_is_the_one_under_which_teachers_differ(
-    pilot: ModuleType, ends: dict[str, tuple[float, float]], winner: str
+    ends: dict[str, tuple[float, float]], winner: str
 ) -> None:
-    found = compared(pilot, ends, spread=2)
+    found = compared(ends, spread=2)
     assert set(pilot.finalists(found)) == set(ends)
     assert pilot.student_of_choice(found) == winner
 
 
 def test_a_student_of_half_the_cost_trains_for_twice_the_steps(
-    pilot: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(pilot, "MEASURED", tmp_path)
     ratios = {"ppo:epochs=6": 0.55, "ppo:epochs=7": 1.1, "ppo:epochs=8": 0.3}
@@ -85,7 +77,7 @@ def test_a_student_of_half_the_cost_trains_for_twice_the_steps(
 
 
 def test_runs_of_an_earlier_machine_are_kept_and_not_run_again(
-    pilot: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     csv = tmp_path / "pilot.csv"
     first, second, half = (line(10 * seed, seed=seed) for seed in (1, 2, 3))
@@ -97,7 +89,7 @@ def test_runs_of_an_earlier_machine_are_kept_and_not_run_again(
 
 
 def test_runs_under_the_settings_of_a_later_preset_are_not_run_again(
-    pilot: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     before = "ppo:batch_size=500:gamma=0.995:steps_per_update=20000"
     monkeypatch.setattr(pilot, "evaluations", lambda _: line(10, before))

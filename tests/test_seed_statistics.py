@@ -1,22 +1,17 @@
 """Statistics of seeds that benchmarks use: closed forms, the distribution of draws, coverage of intervals."""
 
 import math
-import sys
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 from scipy import stats
+from seed_statistics import least_correlation, pairing_helps, seed_correlation, signal_to_noise
 
 from analysis.comparisons import budgets
 from analysis.comparisons.budgets import effect_correlation
 from analysis.statistics import paired, welch
 from analysis.statistics.samples import Estimate
-
-sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
-
-from seed_statistics import least_correlation, pairing_helps, seed_correlation, signal_to_noise
 
 Spaces = list[dict[str, np.ndarray]]
 

@@ -27,18 +27,10 @@ def curve_runs(
     teachers: Sequence[str] = tuple(SKILL),
     seeds: int = 8,
     every: int = MILLION,
-    head_start: Mapping[str, float] | None = None,
+    head_start: Mapping[str, float] | None = None,  # share of the training saved, by level
     **changes: Any,
 ) -> pd.DataFrame:
-    """Return rows of `pool_runs` for synthetic runs of 20 million steps, one per run and step.
-
-    Args:
-        teachers: teachers of the runs; those in `SKILL` end higher with more skill.
-        seeds: number of seeds of each teacher.
-        every: steps between two evaluations.
-        head_start: share of the training that is saved, by level of expert knowledge.
-        changes: other values of columns of the cells.
-    """
+    """Return rows of `pool_runs` for synthetic runs of 20 million steps, one per run and step."""
     cells, values = [], []
     steps = np.arange(0, 20 * MILLION + 1, every)
     for level, saved in (head_start or {"low": 0.0}).items():

@@ -109,20 +109,11 @@ class SyntheticCampaign:
         teacher: str,
         counts: Sequence[int],
         of: int = 10,
-        half: float | None = None,
+        half: float | None = None,  # share of these tasks mastered at half time; None: not evaluated
         level: str = "low",
         **changes: Any,
     ) -> None:
-        """Write runs with rising seeds that master given numbers of tasks in the end.
-
-        Args:
-            teacher: teacher of all runs.
-            counts: number of mastered tasks of each run.
-            of: number of test tasks.
-            half: share of its mastered tasks that a run masters at half time; not evaluated then by default.
-            level: level of expert knowledge.
-            changes: other values of fields of the records.
-        """
+        """Write runs with rising seeds that master given numbers of tasks in the end."""
         records = [self.record(teacher, seed, level, **changes) for seed in range(len(counts))]
         self.committer.write_cells(self.campaign, [self._row(record, level) for record in records])
         for record, count in zip(records, counts, strict=True):

@@ -22,17 +22,11 @@ RAY = Path(sys.executable).with_name("ray")
 
 @dataclass(frozen=True)
 class Head:
-    """Running head node.
-
-    Attributes:
-        address: address for drivers.
-        jobs: address of the Jobs API, which needs a dashboard.
-        environment: environment variables of processes that use it, with the path of its token.
-    """
+    """Running head node."""
 
     address: str
-    jobs: str
-    environment: dict[str, str]
+    jobs: str  # address of the Jobs API, which needs a dashboard
+    environment: dict[str, str]  # with the path of its token
 
 
 @contextmanager

@@ -39,40 +39,24 @@ FLAGS = ("--checkpoint-seconds", "0.3", "--memory-per-run", "0.3")
 
 @dataclass
 class Fault:
-    """Row of the table of faults: one test and its losses.
-
-    Attributes:
-        name: name of the fault.
-        injected: number of injections.
-        rows_lost: lost rows of all data tables, against the undisturbed campaign.
-        bytes_different: different bytes of all data tables.
-        recovery_seconds: times from the faults until training continued, s.
-    """
+    """Row of the table of faults: one test and its losses."""
 
     name: str
     injected: int
     rows_lost: int
     bytes_different: int
-    recovery_seconds: list[float] = field(default_factory=list)
+    recovery_seconds: list[float] = field(default_factory=list)  # from faults until training continued
 
 
 @dataclass
 class Site:
-    """Environment of a campaign with faults.
-
-    Attributes:
-        folder: folder of results and requests.
-        environment: environment variables of drivers.
-        address: address of the cluster; None for a Ray started by the campaign.
-        script: script of the driver.
-        uri: URI of a results root outside of the folder.
-    """
+    """Environment of a campaign with faults."""
 
     folder: Path
     environment: dict[str, str]
-    address: str | None
+    address: str | None  # None for a Ray started by the campaign
     script: str = "chaos_campaign.py"
-    uri: str = ""
+    uri: str = ""  # of a results root outside of the folder
 
     def at(self, name: str) -> Site:
         """Delete earlier requests, and return a site in a new sub-folder."""

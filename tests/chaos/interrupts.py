@@ -51,14 +51,7 @@ PATIENCE = 60.0
 
 @dataclass(frozen=True)
 class Try:
-    """Interrupted command.
-
-    Attributes:
-        command: words of the command.
-        after: time of the interrupt after the start, s.
-        code: exit code.
-        said: text on standard output and standard error.
-    """
+    """Interrupted command."""
 
     command: str
     after: float

@@ -42,22 +42,13 @@ SHORT_OUTAGE, LONG_OUTAGE = 2.0, 8.0
 
 @dataclass
 class Scene:
-    """Campaign with injected faults.
-
-    Attributes:
-        site: environment of the campaign.
-        nodes: nodes of the cluster; not used by a campaign that starts Ray.
-        chance: random generator of times and victims.
-        times: times of the faults so far, s since 1970.
-        since: time of the last fault or start of a driver, s since 1970.
-        drivers: drivers that were started.
-    """
+    """Campaign with injected faults."""
 
     site: Site
     nodes: Nodes
     chance: random.Random
     times: list[float] = field(default_factory=list)
-    since: float = 0.0
+    since: float = 0.0  # last fault or start of a driver, s since 1970
     drivers: list[subprocess.Popen[bytes]] = field(default_factory=list)
 
     def start(self, *flags: str) -> subprocess.Popen[bytes]:

@@ -28,11 +28,7 @@ OBJECT_STORE_BYTES = 80_000_000
 
 
 class Nodes:
-    """Cluster with a head node without CPUs, and worker nodes by number.
-
-    Args:
-        environment: environment variables of all processes.
-    """
+    """Cluster with a head node without CPUs, and worker nodes by number."""
 
     def __init__(self, environment: dict[str, str]) -> None:
         context = multiprocessing.get_context("spawn")

@@ -126,16 +126,10 @@ VALID: Mapping[str, str] = {
 
 @dataclass(frozen=True)
 class Mistake:
-    """Command line with one mistake.
-
-    Attributes:
-        words: words of the command line.
-        named: texts, one of which must occur in the error message.
-        kind: kind of the wrong value, or of another mistake.
-    """
+    """Command line with one mistake."""
 
     words: tuple[str, ...]
-    named: tuple[str, ...]
+    named: tuple[str, ...]  # texts, one of which must occur in the error message
     kind: str
 
 

@@ -51,29 +51,17 @@ def missing() -> str | None:
 
 @dataclass
 class Node:
-    """Machine of the bed.
-
-    Attributes:
-        name: host name.
-        address: IPv4 address on the bridge.
-        folder: folder of this machine with the changes of the node's file system.
-        public: second address, if it has one.
-    """
+    """Machine of the bed."""
 
     name: str
     address: str
-    folder: Path
-    public: str = ""
+    folder: Path  # of this machine, with the changes of the node's file system
+    public: str = ""  # second address, if it has one
     _process: subprocess.Popen[bytes] | None = None
     _init: int = 0
 
     def start(self, switch: int, paths: Sequence[str]) -> None:
-        """Start the node, keeping earlier changes of its files, and wait for its sshd.
-
-        Args:
-            switch: id of the first process of the bed's network.
-            paths: folders of this machine that the node mounts; see ``node.sh``.
-        """
+        """Start the node, keeping earlier changes of its files, and wait for its sshd."""
         self.folder.mkdir(exist_ok=True)
         enter = ["nsenter", f"--target={switch}", "--net", "--mount", "--pid"]
         apart = ["unshare", "--net", "--mount", "--pid", "--uts", "--ipc", "--fork", "--kill-child"]
@@ -114,17 +102,9 @@ class Node:
         user: str = USER,
         timeout: float = 1800,
         code: int | None = 0,
-        shown: bool = True,
+        shown: bool = True,  # with its output and duration, as failures show
     ) -> str:
-        """Run a shell command, and return its output.
-
-        Args:
-            command: command, run in the user's home.
-            user: name of the user.
-            timeout: longest time, s.
-            code: required exit code; None for any.
-            shown: True to print it with its output and duration, as `pytest -s` and failures show.
-        """
+        """Run a shell command, and return its output."""
         start = time.monotonic()
         process = self.start_process(command, user)
         try:
@@ -154,11 +134,7 @@ class Node:
 
 
 def wait_until(happened: Callable[[], object], seconds: float) -> None:
-    """Wait until a condition holds.
-
-    Raises:
-        AssertionError: if it does not within `seconds`.
-    """
+    """Wait until a condition holds."""
     deadline = time.monotonic() + seconds
     while not happened():
         assert time.monotonic() < deadline, f"not within {seconds:.0f} s"
@@ -166,16 +142,10 @@ def wait_until(happened: Callable[[], object], seconds: float) -> None:
 
 
 class Bed:
-    """Nodes on one network bridge, with a shared folder ``/shared``.
-
-    Args:
-        folder: folder of all changes by nodes.
-        names: names of the nodes, which are off at first.
-        paths: folders of this machine that nodes mount; see ``node.sh``.
-    """
+    """Nodes on one network bridge, with a shared folder ``/shared``."""
 
     def __init__(self, folder: Path, names: Sequence[str], paths: Sequence[str]) -> None:
-        self._paths = paths
+        self._paths = paths  # folders of this machine that nodes mount; see node.sh
         self.shared = folder / "shared"
         numbered = enumerate(names, 10)
         self.nodes = {name: Node(name, f"{NETWORK}.{n}", folder / name) for n, name in numbered}
@@ -198,12 +168,7 @@ class Bed:
         self._switch = first.pid
 
     def on(self, *names: str, paths: Sequence[str] | None = None) -> list[Node]:
-        """Start nodes; return them.
-
-        Args:
-            names: names of the nodes.
-            paths: folders of this machine that they mount instead of the bed's.
-        """
+        """Start nodes; return them."""
         nodes = [self.nodes[name] for name in names]
         for node in nodes:
             node.start(self._switch, self._paths if paths is None else paths)
@@ -236,11 +201,7 @@ def bed_of(*names: str) -> Iterator[Bed]:
 
 
 def main(names: Sequence[str]) -> None:
-    """Start the named nodes, print the commands that open shells on them, and stop them after Enter.
-
-    Raises:
-        SystemExit: if this machine cannot have a bed.
-    """
+    """Start the named nodes, print the commands that open shells on them, and stop them after Enter."""
     reason = missing()
     if reason or not names:
         sys.exit(reason or "name the nodes, such as: head one two")

@@ -59,11 +59,7 @@ def lend_environment(node: Node) -> None:
 
 
 def tables(root: str | Path) -> dict[str, str]:
-    """Return the tables of a root except that of attempts, which has hosts and times.
-
-    Returns:
-        the SHA-256 of each canonical data file, and the sorted rows of `Table.RUNS` and `Table.CELLS`.
-    """
+    """Return the tables of a root except that of attempts, which has hosts and times."""
     found = {path: hashlib.sha256(data).hexdigest() for path, data in data_files(root).items()}
     for table in (Table.RUNS, Table.CELLS):
         found[table.value] = "\n".join(sorted(json.dumps(row, sort_keys=True) for row in rows(root, table)))

@@ -22,20 +22,11 @@ while True:
 
 
 class Instances:
-    """Watcher that starts a node for every new instance, and stops the nodes of terminated ones.
-
-    Args:
-        bed: bed of the nodes.
-        laptop: node with the key that the launcher made.
-        store: mock server of AWS.
-
-    Attributes:
-        seen: latest description of each instance by id.
-    """
+    """Watcher that starts a node for every new instance, and stops the nodes of terminated ones."""
 
     def __init__(self, bed: Bed, laptop: Node, store: ObjectStore) -> None:
         self._bed, self._laptop, self._store = bed, laptop, store
-        self.seen: dict[str, dict[str, Any]] = {}
+        self.seen: dict[str, dict[str, Any]] = {}  # latest description of each instance by id
         self._nodes: dict[str, Node] = {}
         laptop.write("/tmp/watch.py", WATCH)
         self._process = laptop.start_process(f"{VENV}/bin/python /tmp/watch.py 2> watch.log")

@@ -13,12 +13,7 @@ ACTIVE = f"export PATH={VENV}/bin:$PATH RAY_AUTH_MODE=token RAY_USAGE_STATS_ENAB
 
 
 class Laptop:
-    """Machine of a user with a checkout, a built wheel, and a key for all nodes.
-
-    Args:
-        node: running node of a bed.
-        wheel: wheel of the checkout.
-    """
+    """Machine of a user with a checkout, a built wheel, and a key for all nodes."""
 
     def __init__(self, node: Node, wheel: Path) -> None:
         self._node = node

@@ -16,12 +16,7 @@ print(json.dumps(tables(sys.argv[1])))
 
 
 class ObjectStore:
-    """Mock server of S3 and other services of AWS, by moto.
-
-    Args:
-        bed: bed of the node.
-        name: name of the node.
-    """
+    """Mock server of S3 and other services of AWS, by moto."""
 
     def __init__(self, bed: Bed, name: str) -> None:
         self._node = bed.nodes[name]

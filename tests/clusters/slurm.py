@@ -44,16 +44,7 @@ def missing_daemons() -> str | None:
 
 
 class Slurm:
-    """Slurm cluster of all nodes of a bed, with the first as its controller.
-
-    Args:
-        bed: bed with all nodes off.
-        wheel: wheel of the checkout.
-
-    Attributes:
-        shared: shared folder of all nodes, on this machine.
-        nodes: all nodes.
-    """
+    """Slurm cluster of all nodes of a bed, with the first as its controller."""
 
     def __init__(self, bed: Bed, wheel: Path) -> None:
         names = list(bed.nodes)

@@ -27,21 +27,13 @@ IN_A_FILE = re.compile(r"[Ii]n a\s+file\s+`([\w./]+)`[^\n]*\n\s*$")
 
 @dataclass(frozen=True)
 class Block:
-    """Fenced code block.
-
-    Attributes:
-        page: path of its page from the root of the repository.
-        line: number of its first line in the page.
-        language: language in the fence.
-        text: content, or that of the file that it shows.
-        file: file name in the sentence before it, if any.
-    """
+    """Fenced code block."""
 
     page: str
     line: int
     language: str
-    text: str
-    file: str = ""
+    text: str  # content, or that of the file that it shows
+    file: str = ""  # name in the sentence before it
 
     @property
     def place(self) -> str:

@@ -56,11 +56,7 @@ def simple_commands(line: str) -> Iterator[list[str]]:
 
 
 def execute(words: Sequence[str]) -> int:
-    """Run a command in the working directory; return its exit code.
-
-    Raises:
-        LookupError: if the program is unknown.
-    """
+    """Run a command in the working directory; return its exit code."""
     words = list(words)
     while words and re.fullmatch(r"[A-Z_]+=\S*", words[0]):
         _export([words.pop(0)])
@@ -72,11 +68,7 @@ def execute(words: Sequence[str]) -> int:
 
 
 def understood(words: Sequence[str]) -> None:
-    """Check a command without running it: its program, its flags, its files.
-
-    Raises:
-        Exception: if the parser of the program refuses the command.
-    """
+    """Check a command without running it: its program, its flags, its files."""
     words = [word for word in words if not re.fullmatch(r"[A-Z_]+=\S*", word)]
     program, *arguments = words
     if words[:3] == ["python", "-m", "tma_ray"]:

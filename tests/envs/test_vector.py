@@ -258,6 +258,7 @@ def test_a_vector_is_not_drawn() -> None:
 )
 def test_any_number_of_threads_gives_the_same_bits(name: str, body: str) -> None:
     options = {"num_envs": COUNT, "embodiment": body, "autoreset_mode": DISABLED}
+    options |= {"swinging_creepers": True} if name == "parkour" else {}
     vectors = [gymnasium.make_vec(IDS[name], threads=threads, **options) for threads in (1, 2, COUNT)]
     rng, mask, seed = np.random.default_rng(0), np.ones(COUNT, np.bool_), 3
     for _ in range(60):
@@ -381,50 +382,14 @@ def test_impossible_numbers_of_threads_are_refused(name: str, threads: float, me
         make_vector_environment(name, 2, threads=threads)
 
 
-TOGETHER = 5
-
-
-@pytest.fixture(params=ENVIRONMENTS.names())
-def environments(request):
-    return [make_environment(request.param) for _ in range(TOGETHER)]
-
-
-def play(worlds, tasks: np.ndarray, steps: int) -> list[tuple[bytes, list[float], list[bool]]]:
-    """Play random episodes, twice, and return all that is seen."""
-    seen = []
-    for episode in range(2):
-        rng = np.random.default_rng(episode)
-        observations, played = worlds.reset(np.arange(TOGETHER), list(range(TOGETHER)), tasks)
-        assert played.tolist() == tasks.tolist()
-        running = np.arange(TOGETHER)
-        for _ in range(steps):
-            actions = rng.uniform(-1, 1, (TOGETHER, 4)).astype(np.float32)[running]
-            seen.append((observations.tobytes(),))
-            outcome = worlds.step(running, actions)
-            seen.append(tuple(column.tobytes() for column in outcome))
-            running, observations = running[~outcome.over], outcome.observations[~outcome.over]
-            if not len(running):
-                break
-    return seen
-
-
-def test_together_equals_one_by_one(environments) -> None:
-    tasks = environments[0].task_space.sample(np.random.default_rng(0), TOGETHER)
-    steps = environments[0].max_episode_steps + 1
-    fast, plain = lock_step(environments), LockStep(environments)
-    assert isinstance(fast, EngineLockStep)
-    seen = play(fast, tasks, steps)
-    assert seen == play(plain, tasks, steps)
-    assert len(seen) > 200
-
-
 def test_an_environment_of_somebody_else_is_stepped_one_by_one() -> None:
-    made = [gymnasium.make("Pendulum-v1") for _ in range(2)]
-    assert type(lock_step(made)) is LockStep
+    assert type(lock_step([gymnasium.make("Pendulum-v1") for _ in range(2)])) is LockStep
+    assert type(lock_step([make_environment("parkour") for _ in range(2)])) is EngineLockStep
 
 
-def test_who_handed_its_engine_over_is_reset_before_its_next_step(environments) -> None:
-    environment = environments[0]
+@pytest.mark.parametrize("name", IDS)
+def test_who_handed_its_engine_over_is_reset_before_its_next_step(name: str) -> None:
+    environment = make_environment(name)
     with pytest.raises(gymnasium.error.ResetNeeded):
         environment.release_engine()
     environment.reset(seed=0)

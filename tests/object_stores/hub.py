@@ -12,11 +12,7 @@ from urllib.parse import parse_qs, unquote, urlsplit
 
 
 class Hub(ThreadingHTTPServer):
-    """Mock hub with data sets in memory.
-
-    Attributes:
-        repositories: files of data sets by name (``user/name``) and path.
-    """
+    """Mock hub with data sets in memory."""
 
     def __init__(self) -> None:
         super().__init__(("127.0.0.1", 0), _Answers)

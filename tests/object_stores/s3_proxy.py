@@ -13,24 +13,14 @@ _HOP_BY_HOP = ("connection", "transfer-encoding", "content-length", "server", "d
 
 
 class Proxy:
-    """Proxy on a free port that forwards requests to `target`.
-
-    Args:
-        target: URL of the S3 server.
-
-    Attributes:
-        seen: method and path (with query) of all requests, in order.
-        refuse: function of method and path; True for requests to refuse with `refusal`.
-        refusal: status and body, by default 503 SlowDown.
-        drop: function of method and path; True to close the connection without an answer.
-    """
+    """Proxy on a free port that forwards requests to `target`."""
 
     def __init__(self, target: str) -> None:
         self.target = urlsplit(target).netloc
-        self.seen: list[tuple[str, str]] = []
-        self.refuse: Callable[[str, str], bool] = lambda method, path: False
+        self.seen: list[tuple[str, str]] = []  # method and path, with query
+        self.refuse: Callable[[str, str], bool] = lambda method, path: False  # with `refusal`
         self.refusal = (503, SLOW_DOWN)
-        self.drop: Callable[[str, str], bool] = lambda method, path: False
+        self.drop: Callable[[str, str], bool] = lambda method, path: False  # without an answer
         self._lock = Lock()
         self._server = ThreadingHTTPServer(("127.0.0.1", 0), type("Handler", (_Handler,), {"proxy": self}))
         self.url = f"http://127.0.0.1:{self._server.server_port}"

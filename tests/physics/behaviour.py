@@ -34,11 +34,7 @@ class Statistics(NamedTuple):
 
 
 def measured(protocol: str, environment: str, embodiment: str, case: str = "") -> dict[str, Statistics]:
-    """Return the release's statistics of one body under one protocol, by quantity.
-
-    Raises:
-        KeyError: if the release was not measured under these conditions.
-    """
+    """Return the release's statistics of one body under one protocol, by quantity."""
     return _behaviour()[protocol, environment, embodiment, case]
 
 

@@ -31,11 +31,7 @@ SERVICE_OF = {module: service for service, modules in SERVICES.items() for modul
 
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Move the cases that use services to the front.
-
-    Raises:
-        UsageError: if a module uses a service and is not listed above.
-    """
+    """Move the cases that use services to the front."""
     for item in items:
         module, needed = _module(item.nodeid), set(SERVICES) & set(getattr(item, "fixturenames", ()))
         if needed - {SERVICE_OF.get(module)}:

@@ -35,11 +35,7 @@ def pytest_configure() -> None:
 
 
 def pytest_collection_finish() -> None:
-    """Check that collection registered no plug-ins, which all cases would see; enable garbage collection.
-
-    Raises:
-        UsageError: if a plug-in was registered.
-    """
+    """Check that collection registered no plug-ins, which all cases would see; enable garbage collection."""
     gc.enable()
     known = [name for registry in REGISTRIES for name in registry._decorated]
     if known:

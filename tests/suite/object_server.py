@@ -24,13 +24,7 @@ sys.stdin.read()
 
 
 class ObjectServer:
-    """Context manager of an S3 server with one empty bucket.
-
-    Attributes:
-        bucket: name of the bucket.
-        process: process of the server.
-        environment: environment variables of its clients.
-    """
+    """Context manager of an S3 server with one empty bucket."""
 
     bucket = "bucket"
     environment: dict[str, str]

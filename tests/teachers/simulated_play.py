@@ -48,11 +48,7 @@ def ended(task: Any, episodic_return: float = 0.0, success: bool = False, step: 
 
 
 def play(teacher: Teacher, episodes: int, step: int = 0) -> list[Task]:
-    """Play episodes of a student that improves over time and is best at the lower corner of the space.
-
-    Args:
-        step: number of episodes played before.
-    """
+    """Play episodes of an improving student, best at the lower corner of the space, after `step` others."""
     tasks = []
     for index in range(step, step + episodes):
         task = teacher.propose().task

@@ -85,6 +85,7 @@ def test_without_success_or_before_its_time_there_is_no_penalty() -> None:
 def test_flat_values_lead_to_the_target_and_keep_it_there() -> None:
     teacher = spdl()
     scalars = [learn(teacher) for _ in range(15)]
+    assert np.all(np.diff([each["target_divergence"] for each in scalars]) <= 1e-12)
     assert scalars[-1]["target_divergence"] < 1e-9
     assert scalars[-1]["alpha"] == LARGEST_PENALTY
     tasks = STUMP_TRACKS.normalise(teacher.probe(2000))
@@ -97,7 +98,8 @@ def test_it_goes_where_values_are_high() -> None:
     before = teacher.probe(200).mean(axis=0)
     for _ in range(6):
         query = asked(teacher, 4000)
-        teacher.answer(10.0 * query.observations[:, 0])  # higher stumps are worth more
+        noise = np.random.default_rng(0).normal(0, 1, len(query.observations))
+        teacher.answer(10.0 * query.observations[:, 0] + noise)  # higher stumps are worth more
     after = teacher.probe(200).mean(axis=0)
     assert after[0] > before[0] + 0.5
     assert abs(after[1] - before[1]) < abs(after[0] - before[0])
@@ -201,31 +203,7 @@ def test_a_short_step_is_the_steepest() -> None:
     assert 0.9 * gained < max(others) < 1.02 * gained
 
 
-@pytest.mark.parametrize("size", [1, 20])
-def test_flat_values_lead_to_the_target(size: int) -> None:
-    rng = np.random.default_rng(size)
-    current, target = FullGaussian(np.full(size, 0.1), 0.1 * np.eye(size)), random_gaussian(size, rng)
-    divergences = [current.divergence(target)]
-    for _ in range(30):
-        points = current.draw(rng, 100)
-        current = self_paced_update(current, target, points, np.full(100, 50.0), 2.5, 0.8)
-        divergences.append(current.divergence(target))
-    assert np.all(np.diff(divergences) <= 1e-12)
-    assert divergences[-1] < 1e-6
-    np.testing.assert_allclose(current.mean, target.mean, atol=1e-3)
-
-
 def test_nothing_to_gain_changes_nothing() -> None:
     rng = np.random.default_rng(0)
     old, target = random_gaussian(2, rng), random_gaussian(2, rng)
     assert self_paced_update(old, target, old.draw(rng, 50), np.full(50, -7.0), 0.0, 0.8) is old
-
-
-def test_values_pull_the_mean_and_noise_does_not_outweigh_them() -> None:
-    rng = np.random.default_rng(1)
-    old, target = (FullGaussian(np.full(2, 0.5), spread * np.eye(2)) for spread in (0.1, 0.25))
-    points = old.draw(rng, 250)
-    values = 200 * points[:, 0] + rng.normal(0, 10, 250)
-    new = self_paced_update(old, target, points, values, 0.0, 0.5)
-    assert new.mean[0] > old.mean[0] + 0.05
-    assert abs(new.mean[1] - old.mean[1]) < 0.02
