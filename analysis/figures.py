@@ -91,7 +91,7 @@ EARLY = 0.25  # share of the budget at which the second radar is drawn (paper, s
 FILE_NAME = ("experiment", "embodiment", "student", "expert_knowledge")
 """Columns whose values name the files of a comparison, as long as these names are unique."""
 
-STARS = 4  # number of stars along a budget: one every 5 of 20 million steps
+STARS = 4  # number of significance stars along a budget: one every 5 of 20 million steps
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ def published_drawings(table: pd.DataFrame) -> Iterator[Drawing]:
 
 
 def drawings(measurements: Measurements) -> Iterator[Drawing]:
-    """Yield the figures of a root: of all results under the same conditions, then of each comparison."""
+    """Yield the figures of a root: those of each set of conditions, then those of each comparison."""
     frames = measurements.frames
     yield Drawing("ranks", partial(_ranks, frames))
     final = result_runs(frames, run_measures(frames))

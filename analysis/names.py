@@ -14,7 +14,7 @@ from tma_ray.support.texts import visible
 from tma_ray.tasks import KnowledgeLevel
 
 MAX_LABEL_CHARS = 80
-"""Characters of a name in sentences and tables."""
+"""Largest number of characters of a name in sentences and tables."""
 
 YOURS = " \N{LEFTWARDS ARROW} yours"
 """Suffix of the name of a reader's own teacher."""
@@ -72,7 +72,7 @@ def label(part: str) -> str:
 def own_first(teachers: Iterable[str]) -> Iterator[None]:
     """Context manager that marks `teachers` as the reader's own and sorts them first.
 
-    `marked_label` and `short_labels` have the mark; `label`, for sentences, does not.
+    `marked_label` and `short_labels` add the mark; `label`, for sentences, does not.
     """
     token = _OWN.set(frozenset(teachers))
     try:
@@ -118,7 +118,7 @@ def short_title(title: str) -> str:
 
 
 def short_labels(teachers: Iterable[str], length: int = 22) -> dict[str, str]:
-    """Return distinct labels of teachers that are short enough for a figure, in the order of teachers.
+    """Return distinct labels of teachers, short enough for a figure, sorted by `teacher_order`.
 
     A long name is cut to its beginning, or if that is not distinct, to its beginning and end, or else gets a
     number.

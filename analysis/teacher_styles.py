@@ -97,7 +97,7 @@ def _style(indices: tuple[int, ...]) -> TeacherStyle:
 
 
 def _assigned(teachers: Iterable[str]) -> dict[str, TeacherStyle]:
-    """Return styles by teacher: the one that its name selects if it is free, else the least used one."""
+    """Return the style of each teacher: the one selected by its name if free, else the least used one."""
     taken: dict[str, tuple[int, ...]] = {}
     for teacher in sorted(teachers):
         cost = functools.partial(_cost, _hashed(teacher), taken.values())

@@ -36,7 +36,7 @@ class BaselineKind(StrEnum):
     RUNS = "runs"
     """Tables of a results root."""
     PUBLISHED = "published"
-    """Published means and deviations, without runs."""
+    """Published means and standard deviations, without runs."""
 
 
 @dataclass(frozen=True)
@@ -354,7 +354,7 @@ def own_teachers(sources: Sources, frames: Frames) -> frozenset[str]:
 
 
 def published(sources: Sources) -> Baseline | None:
-    """Return the only source if it is a baseline of published results, else None."""
+    """Return the baseline if it is the only source and has published results, else None."""
     distinct = source_list(sources)
     baseline = as_baseline(distinct[0]) if len(distinct) == 1 else None
     return baseline if baseline and baseline.manifest.kind is BaselineKind.PUBLISHED else None

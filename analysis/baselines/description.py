@@ -23,7 +23,7 @@ from tma_ray.support.texts import rounded_duration
 CARD_FILE = "README.md"
 
 LIBRARIES: Final = ("python", "tma_ray", "torch", "numpy", "pymunk")
-"""Entries of a fingerprint that a card shows."""
+"""Fingerprint entries shown on a card."""
 
 
 def card(
@@ -177,7 +177,7 @@ _CONTEXT: Final[dict[str, Any]] = {
         )
     },
 }
-"""Recommended context of the specification."""
+"""Context recommended by the Croissant specification."""
 
 _ROWS: Final = {
     Table.RUNS: "one run: its specification (JSON), state and versions",

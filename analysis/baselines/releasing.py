@@ -104,7 +104,7 @@ def release(
 
 @contextmanager
 def _aside(folder: Path) -> Iterator[Path]:
-    """Create a temporary folder next to `folder`, and delete it at the end."""
+    """Context manager for a temporary folder next to `folder`, created by the caller and deleted on exit."""
     folder.parent.mkdir(parents=True, exist_ok=True)
     aside = folder.parent / f".{folder.name}-{uuid4().hex[:8]}"
     try:
@@ -301,7 +301,7 @@ def add_to_release(
         cells = source.table(results.Table.CELLS, columns=["campaign", "run_id"]).to_pandas().astype(str)
         planned = cells.groupby("campaign")["run_id"].nunique().to_dict()
         for campaign, count in before.planned.items() if before else ():
-            planned[campaign] = max(count, planned.get(campaign, 0))  # the root may lack some of its runs
+            planned[campaign] = max(count, planned.get(campaign, 0))  # `root` may lack some of them
         _complete(_draft(name, licence, about, before, "", planned), aside, added)
         if folder.exists():
             old = folder.parent / f".{folder.name}-{uuid4().hex[:8]}-old"

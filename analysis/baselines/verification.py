@@ -20,7 +20,7 @@ from analysis.data.frames import Frames
 from tma_ray import results
 
 RELEASED_SUFFIXES: Final = (".json", ".parquet", ".safetensors", ".md", ".jsonl.gz")
-"""Suffixes of the files of a baseline, none of them executable, except inputs of its runs."""
+"""Allowed suffixes of a baseline's files, none of them executable; inputs of its runs may have others."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Verification:
 
 
 def verify(name: str | Path) -> Verification:
-    """Compare a baseline with its manifest, and read its tables.
+    """Check the files of a baseline against its manifest, and check that its tables can be read.
 
     Raises:
         BaselineError: if the baseline is missing or its manifest unreadable.
@@ -104,7 +104,7 @@ MOST_RELEASED_BYTES = 15_000_000  # largest size of a release shipped with the p
 FEWEST_SEEDS = 3  # smallest number of seeds required in every cell
 
 COMBINATION = ["campaign", "experiment", *CELL_COLUMNS]
-"""Columns of cells within which teachers have the same seeds."""
+"""Columns that identify a cell, in which all teachers of a complete release have the same seeds."""
 
 
 def lacking(baseline: Baseline) -> list[str]:

@@ -22,10 +22,10 @@ from analysis.teacher_styles import INK, TeacherStyle
 END = "end"  # moment at which runs end; all other moments are steps
 
 ONE_COLUMN, TWO_COLUMNS, PAGE_WIDTH = 3.3, 6.9, 10.2
-"""Widths of a paper's column, of both columns, and of a page on the screen, inches."""
+"""Widths of a paper's column, of both columns, and of a page on the screen, in inches."""
 
 LEAST_PERCENT = 5.0
-"""Least upper bound of axes of mastered %, which keeps a single task of a hundred near 0."""
+"""Smallest upper end of axes of mastered %, so that a single mastered task of a hundred stays near 0."""
 
 TEACHERS_PER_PANEL = 8  # largest number of teachers in one panel, besides Random
 LONGEST_NAME = 38  # largest number of characters of a teacher's name in a chart
@@ -111,7 +111,7 @@ class Curve(Mark):
     high: Array | None = None  # upper ends of the band (n,); None for no band
     n: NDArray[Any] | None = None  # number of runs (n,); the line is thin if some are missing
     fill: str = ""  # colour inside markers; empty for that of the line
-    width: float = 2.0  # width of the line, CSS pixels; lines under 1.5 have no markers
+    width: float = 2.0  # width of the line, in CSS pixels; lines under 1.5 have no markers
     opacity: float = 0.17  # opacity of the band, in [0, 1]
 
 
@@ -123,7 +123,7 @@ class Scatter(Mark):
     y: Sequence[float] | Array  # y coordinates (n,)
     values: Sequence[float] | Array | None = None  # values on the colour scale (n,)
     colours: ColourScale | None = None  # colour scale of `values`
-    size: float | Array = 5.0  # diameter of each point, or of all points, CSS pixels
+    size: float | Array = 5.0  # diameter of each point, or of all points, in CSS pixels
     hollow: bool = False  # True for rings
     opacity: float = 1.0  # opacity in [0, 1]
     edge: str = ""  # colour of a fine outline; empty for no outline
@@ -137,9 +137,9 @@ class Interval(Mark):
     y: float  # y coordinate
     low: float  # lower end; NaN if missing
     high: float  # upper end; NaN if missing
-    size: float = 8.0  # diameter of the mean's marker, CSS pixels; 0 for none
-    width: float = 1.6  # width of the line, CSS pixels
-    cap: float = 0.0  # length of the caps, CSS pixels
+    size: float = 8.0  # diameter of the mean's marker, in CSS pixels; 0 for none
+    width: float = 1.6  # width of the line, in CSS pixels
+    cap: float = 0.0  # length of the caps, in CSS pixels
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -214,7 +214,7 @@ class StarRow:
 
 @dataclass(frozen=True)
 class LegendEntry:
-    """Legend entry for a full or hollow marker."""
+    """Legend entry for a filled or hollow marker."""
 
     marker: str
     name: str
@@ -266,9 +266,9 @@ class Chart:
     note: str = ""  # text below all panels on paper
     keys: Sequence[LegendEntry] = ()  # entries of the legend for markers
     legend: Legend = Legend.TOP  # position of the legend
-    size: tuple[float, float] = (5.2, 3.5)  # width and height on paper without the legend, inches
-    letters: float = 8.5  # font size on paper, points
-    pixels: int = 330  # height of a panel without rows on a page, CSS pixels
+    size: tuple[float, float] = (5.2, 3.5)  # width and height on paper without the legend, in inches
+    letters: float = 8.5  # font size on paper, in points
+    pixels: int = 330  # height of a panel without rows on a page, in CSS pixels
 
     @property
     def all_panels(self) -> list[Any]:

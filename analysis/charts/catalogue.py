@@ -199,7 +199,7 @@ def _training_tasks(comparison: TeacherComparison, teachers: Iterable[str]) -> C
 
 
 def points_of(along: pd.DataFrame, ends: pd.DataFrame, column: str) -> pd.DataFrame:
-    """Return teacher, seed, step (or `END`) and value: a row per evaluation of a run, and one for its end."""
+    """Return one row per evaluation of each run and one for its end: teacher, seed, step or `END`, value."""
     columns = ["teacher", "seed", "step", column]
     parts = [along[columns].astype({"step": object}), ends[[*columns[:2], column]].assign(step=END)]
     return pd.concat(parts, ignore_index=True).rename(columns={column: "value"})

@@ -64,7 +64,7 @@ def film_strip(
             `analysis.charts.tasks.projected`).
         plane: two task dimensions.
         steps: steps to draw; by default `data.curricula.moments` of the runs.
-        width: width of the figure, inches.
+        width: width of the figure, in inches.
 
     Raises:
         ValueError: if runs or probes are missing, or tasks are not two-dimensional.
@@ -141,7 +141,7 @@ def _animated(shot: Shot, plane: tuple[Axis, Axis], steps: Sequence[int]) -> bas
 
 
 def _checked(shots: Sequence[Shot], steps: Sequence[int] | None) -> list[int]:
-    """Return the steps to draw, by default the `moments` of the runs, after a check of both."""
+    """Check the runs, and return the steps to draw, by default the `moments` of the runs."""
     if not shots:
         raise ValueError("no runs: expected at least one, to draw its curriculum")
     for shot in shots:
@@ -239,7 +239,7 @@ def _regions(curriculum: RunCurriculum, dimension: int) -> Iterator[base.Mark]:
 
 
 MOST_PER_TEACHER = 8  # largest number of scalars per teacher
-BINS = 150  # number of bins of a longer series, drawn as their medians and ranges
+BINS = 150  # number of bins of a longer series, each drawn as its median and range
 
 
 def scalars_of(curriculum: RunCurriculum) -> dict[str, pd.Series]:

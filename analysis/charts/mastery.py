@@ -13,7 +13,7 @@ from analysis.names import short_labels
 SHARES = base.ColourScale("Blues", 0.0, 100.0, "Seeds that master the task (%)")
 """Colours of shares of runs."""
 
-ACROSS = 180  # width of a row of squares, CSS pixels
+ACROSS = 180  # width of a row of squares, in CSS pixels
 
 
 def mastery_chart(

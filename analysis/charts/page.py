@@ -1,4 +1,4 @@
-"""Charts on pages, as data for plotly.js with animation frames of changes."""
+"""Charts on pages, as data for plotly.js; animation frames contain only what changes."""
 
 import base64
 import gzip
@@ -22,22 +22,22 @@ from analysis.teacher_styles import INK, MUTED, RULE, TeacherStyle
 
 FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif"
 
-ROW, ROWS_FRAME = 34, 76  # heights of a teacher's row, and of axis and margin below the rows, CSS pixels
+ROW, ROWS_FRAME = 34, 76  # heights of a teacher's row, and of axis and margins together, in CSS pixels
 
 SPACING, LEAST_HEIGHT, COMPARISONS_FRAME = 11, 30, 130
-"""Heights of a mean, of the lowest row of a comparison, and of axis and legend, CSS pixels."""
+"""Height of each mean, least height of a comparison's row, height of axis and legend, in CSS pixels."""
 
 MOST_ACROSS = 4  # largest number of plots side by side
 
 BINARY = {"float32": "f4", "float64": "f8", "int32": "i4"}
-"""Types of arrays that are embedded as bytes, by their names in plotly.js."""
+"""Names in plotly.js of the array types that are embedded as bytes, by their names in numpy."""
 
 _SYMBOLS = {
     "": "circle", "o": "circle", "s": "square", "D": "diamond", "^": "triangle-up", "v": "triangle-down",
     "P": "cross", "X": "x", "p": "pentagon", "h": "hexagon", "<": "triangle-left", ">": "triangle-right",
     "*": "star", "d": "diamond-tall",
 }  # fmt: skip
-"""Symbols of plotly.js by marker."""
+"""Symbols in plotly.js, by matplotlib marker."""
 
 Trace: TypeAlias = dict[str, Any]  # trace of plotly.js
 
@@ -244,7 +244,7 @@ def _(mark: base.Polygons, _: base.Panel) -> Iterator[Trace]:
 
 @_traces_of.register
 def _(mark: base.ReferenceLine, panel: base.Panel) -> Iterator[Trace]:
-    # The layout draws it on an axis of teachers, since numbers in a trace would replace the names.
+    # On an axis of teachers the layout draws the line: numbers in a trace would replace the names.
     if panel.y.kind is base.AxisKind.TEACHERS:
         return
     curves = [mark.x for mark in panel.marks if isinstance(mark, base.Curve) and len(mark.x)]

@@ -17,7 +17,7 @@ from tma_ray.benchmark import ORIGINAL_SPACE, STUMP_TRACKS_CHALLENGES, Matrix, f
 from tma_ray.tasks import KnowledgeLevel
 
 BEYOND = 0.16  # width of the band outside the rings, as a share of the outermost ring's radius
-HEIGHT = 3.08  # height of a radar on paper without notes, inches
+HEIGHT = 3.08  # height of a radar in the paper figure, excluding the note lines below it, in inches
 
 
 class Ratios(NamedTuple):
@@ -40,7 +40,7 @@ class Radar:
     rim: float  # ratio to Random at the outermost ring
     beyond: bool  # True for a band outside the rim, for infinite ratios
     teachers: Mapping[str, str]  # legend entries by teacher, for the teachers that are drawn
-    results: Ratios  # results, also of teachers that are not drawn
+    results: Ratios  # results, including those of teachers that are not drawn
     note: Sequence[str]  # lines of text below the radar
 
     def radius(self, teacher: str, axis: int) -> float:
@@ -60,8 +60,8 @@ def radar(
     """Return radars of results as ratios to Random's mean, with an axis per challenge and a panel per level.
 
     Stars at the end of an axis mark teachers that are significantly better than Random; markers are filled
-    where teachers differ from Random. A plus is the best result on the original space as a ratio of Random on
-    the challenge, if embodiments and students are the same. Missing ratios are gaps. Where Random is at 0,
+    where teachers differ from Random. A plus is the best result on the original space as a ratio to Random's
+    on the challenge, if embodiments and students are the same. Missing ratios are gaps. Where Random is at 0,
     results over 0 lie in a band outside the rings, the best at its outer edge.
 
     Args:

@@ -15,11 +15,11 @@ from analysis.teacher_styles import INK, RETURN_COLOURS, teacher_style
 MOMENTS, DOTS = 24, 60  # largest numbers of steps per run, and of probed tasks per step, on a page
 
 PAGE_EPISODES, PAPER_EPISODES = 150, 300
-"""Largest number of training episodes in a part of a run, on a page and on paper."""
+"""Largest number of training episodes drawn per part of a run, on a page and on paper."""
 
 CORNERS = 33  # number of points on the outline of an ellipse
 BOX, GAUSSIAN = 0.3, 0.2  # half the widths of boxes and Gaussians in a dimension's column
-GOLDEN = 0.618034  # golden ratio, whose multiples modulo 1 are spread evenly
+GOLDEN = 0.618034  # fractional part of the golden ratio; its multiples modulo 1 are spread evenly
 
 
 def task_axis(axis: Axis) -> base.PanelAxis:
@@ -129,7 +129,7 @@ def state_marks(
 ) -> list[base.Mark]:
     """Return the marks of a teacher's boxes, Gaussians and at most `most` probed tasks at a step.
 
-    `scores` are the colours of boxes. Marks are empty without probes.
+    `scores` is the colour scale of the boxes. Marks are empty without probes.
     """
     tasks, update = curriculum.probed_at(step)[:most], curriculum.update_at(step)
     update = update if len(tasks) else None

@@ -19,7 +19,7 @@ from tma_ray.benchmark.claims import Reading
 from tma_ray.tasks import KnowledgeLevel
 
 FEWEST = 3
-"""Least number of teachers of a ranking."""
+"""Smallest number of teachers in a ranking."""
 
 BOOTSTRAP_DRAWS = 4_000
 
@@ -50,7 +50,7 @@ class Agreement:
 
 
 def agreements(frames: Frames) -> list[Agreement]:
-    """Return the rank agreement with the paper on each challenge and level, and at last its mean.
+    """Return the rank agreement with the paper on each challenge and level, followed by their mean.
 
     Levels at which all teachers have the same runs are one row, compared with the means of the paper's
     entries.
@@ -80,7 +80,7 @@ def agreements(frames: Frames) -> list[Agreement]:
 
 
 Ranked: TypeAlias = dict[str, tuple[Sample, list[Description]]]
-"""Runs and the paper's entries of each teacher."""
+"""Runs and the paper's entries, by teacher."""
 
 
 def _rankings(root: RootSource) -> Iterator[tuple[Reading, tuple[KnowledgeLevel, ...], Ranked]]:

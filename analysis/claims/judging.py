@@ -49,9 +49,9 @@ class ClaimVerdict:
     Attributes:
         claim: claim of the paper.
         standing: standing of the claim.
-        findings: results of its statements, one for several statements on the same runs.
+        findings: results of its statements; statements on the same runs share one.
         needed: number of findings that must be supported.
-        conditions: conditions in which the results differ from the paper's; empty if in none.
+        conditions: conditions in which the results differ from the paper's; empty if there are none.
     """
 
     claim: Claim
@@ -114,7 +114,7 @@ Levels: TypeAlias = Mapping[Reading, tuple[KnowledgeLevel, ...]]
 
 
 def _distinct(claim: Claim, source: Source) -> list[tuple[Statement, Levels]]:
-    """Return the statements of a claim, with the levels of their readings; merge those on the same runs."""
+    """Return the statements of a claim with the levels of their readings, merging those on the same runs."""
     groups: dict[object, list[Statement]] = {}
     for index, statement in enumerate(claim.statements):
         samples = [source.sample(reading) for reading in _readings(statement)]
@@ -257,11 +257,11 @@ def _name(reading: Reading, levels: Levels) -> str:
 
 
 def decided(verdicts: Sequence[ClaimVerdict]) -> list[ClaimVerdict]:
-    """Return the verdicts on claims that have data."""
+    """Return the verdicts other than `NO_DATA`."""
     return [verdict for verdict in verdicts if verdict.standing is not Standing.NO_DATA]
 
 
 def root_verdicts(frames: Frames) -> tuple[list[ClaimVerdict], list[str]]:
-    """Return the verdicts on the paper's claims by a root's results, and notes on the results used."""
+    """Return the verdicts on the paper's claims, based on a root's results, and notes on the results used."""
     source = RootSource(frames)
     return judge(source), [source.note] if source.note else []

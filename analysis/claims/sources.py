@@ -93,7 +93,7 @@ class Sample:
         return compared_over_strata(pairs, stratum_weights([0] * len(pairs)), seeds)
 
     def times(self, factor: float) -> "Sample":
-        """Return the sample with its values multiplied by a factor, and with new run ids."""
+        """Return a copy of the sample with values multiplied by `factor`, and with new run ids."""
         n, mean, std = self.description.n, self.description.mean, self.description.std
         strata = {
             name: (factor * values).rename(lambda run: (factor, run)) for name, values in self.strata.items()
@@ -116,11 +116,11 @@ class Source(Protocol):
 
 
 USUAL = "the paper's bodies, students and test tasks"
-"""Name of conditions that `pooling.condition_words` does not mention."""
+"""Description of conditions for which `pooling.condition_words` has no phrases."""
 
 
 class PaperSource:
-    """Source of the paper's tables: results at the end of training, by body only in Parkour."""
+    """Source backed by the paper's tables: results at the end of training, split by body in Parkour alone."""
 
     def sample(self, reading: Reading) -> Sample | None:
         """Return the published result for a reading, or None if there is none."""
@@ -140,13 +140,13 @@ class PaperSource:
 
 
 class RootSource:
-    """Source of a root's results: complete pools of runs, with Random at every level.
+    """Source backed by the runs of a results root: complete pools, with Random at every level.
 
     Results are used under one set of conditions, such as budget and students, in each environment: the one
     that completes the most pools, and among several the one with the largest budget.
 
     Attributes:
-        note: sentences on the conditions that are used and those that are not; empty without others.
+        note: sentences on the conditions that are used and those that are not; empty if there are no others.
     """
 
     def __init__(self, frames: Frames) -> None:
@@ -183,7 +183,8 @@ class RootSource:
 
     def _runs(self, environment: str, share: float) -> pd.DataFrame:
         """Return the runs of the paper's teachers in an environment after a share of the budget."""
-        runs = pooling.runs_after(self._frames, share, training=share == 1)  # computed as on the pages
+        # the arguments with which pages call it, so that its cached result is reused
+        runs = pooling.runs_after(self._frames, share, training=share == 1)
         return runs[(runs["environment"] == environment) & runs["teacher"].isin(TEACHERS)]
 
     def _pooled(self, environment: str, share: float = 1.0, by: Sequence[str] = ()) -> pd.DataFrame:
@@ -193,7 +194,7 @@ class RootSource:
     def _complete_at(
         self, environment: str, share: float, by_body: bool
     ) -> dict[tuple[str, ...], dict[str, Sample]]:
-        """Return the samples of complete pools by challenge, level (and body, if `by_body`) and teacher."""
+        """Return the samples of complete pools by (challenge, level[, body]) and teacher."""
         if environment not in self._conditions:  # no run of the paper's teachers has started
             return {}
         by = ["embodiment"] if by_body else []
@@ -228,7 +229,7 @@ def _sample(labels: NDArray[np.object_], values: pd.Series, seeds: Seeds) -> Sam
 
 
 def _with_least(samples: Mapping[str, Sample]) -> dict[str, Sample]:
-    """Return samples by teacher, with the least variance of each stratum, computed over all teachers."""
+    """Return `samples` (by teacher) with the least variance of each stratum, computed over all teachers."""
     groups: dict[str, list[pd.Series]] = {}
     for sample in samples.values():
         for name, values in sample.strata.items():

@@ -56,7 +56,7 @@ NO_BREAK = "\N{NO-BREAK SPACE}"
 COLUMN_AXES = (FINAL, HEADLINE)  # measures in the order of the columns
 
 TEACHER_WIDTH = 18
-"""Width of the column of teachers at the terminal, in characters, for a board of at most 100."""
+"""Width of the teacher column in the terminal, in characters, so that a board fits into 100."""
 
 CHALLENGE_WIDTH = 11  # width of a challenge's column, in characters; six of them fit on a line
 
@@ -115,7 +115,7 @@ def show_board(board: Leaderboard, console: Console) -> None:
 
 
 def tell(console: Console, text: str, style: str | None = None) -> None:
-    """Print a text without markup and highlighting."""
+    """Print a text without markup or highlighting."""
     console.print(text, style=style, highlight=False, markup=False)
 
 
@@ -270,7 +270,7 @@ def _on_each(board: Leaderboard) -> str:
 
 
 def _challenges(board: Leaderboard, axis: str) -> Table:
-    """Return a table of results by challenge or body, without decimals, to fit six on a line."""
+    """Return a table of results by challenge or body, rounded so that six columns fit on a line."""
     table = Table(box=None, pad_edge=False, padding=(0, 0, 0, 1))
     table.add_column("teacher", width=TEACHER_WIDTH, overflow="fold")
     for title in board.columns:

@@ -100,7 +100,12 @@ def _per_trained_step(curves: Curves, runs: pd.DataFrame, teacher: str) -> Gap:
 def sentences_against_random(
     comparisons: Collection[AgainstRandom], teachers: Collection[str] | None = None
 ) -> Iterator[str]:
-    """Yield a sentence per verdict over several challenges, on all of its teachers or on `teachers`."""
+    """Yield a sentence per verdict over several challenges, naming the teachers with that verdict.
+
+    Args:
+        comparisons: results of `against_random`.
+        teachers: teachers to name; all by default.
+    """
     chosen = [
         entry
         for entry in comparisons

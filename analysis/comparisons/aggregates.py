@@ -95,7 +95,7 @@ def improvements(
         samples = {str(name): strata_of(part, measure) for name, part in group.groupby("teacher")}
         for first, second in pairs_of(list(samples), reference):
             values, others = dict(samples[first]), dict(samples.get(second, {}))
-            for stratum in values.keys() & others.keys():  # of paired runs, those with common seeds count
+            for stratum in values.keys() & others.keys():  # paired runs count only for seeds in common
                 values[stratum], others[stratum] = in_common(values[stratum], others[stratum], seeds)
             estimate = vars(probability_of_improvement(values, others))
             estimate |= {} if second in samples else {"reason": nobody(second)}

@@ -117,7 +117,7 @@ class BudgetAgreement:
 
     Attributes:
         measure: `HEADLINE` or `FINAL`.
-        budget: later budget, steps.
+        budget: later budget, in steps.
         correlation: correlation of the true effects of teachers, with its interval.
         tau: Kendall's rank correlation of the observed means.
         pairs: number of pairs of teachers.
@@ -175,7 +175,7 @@ class BudgetComparison:
 
 
 def compare_budgets(frames: Frames, runs: pd.DataFrame) -> BudgetComparison | None:
-    """Compare a leaderboard's teachers at the `BUDGETS` that its runs reach; None for fewer than two.
+    """Compare a leaderboard's teachers at the `BUDGETS` that its runs reach; return None for fewer than two.
 
     Args:
         frames: results with these runs.

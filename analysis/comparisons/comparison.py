@@ -27,7 +27,7 @@ from tma_ray.support.component_names import base_name
 
 ALL_SHOWN = 12  # number of teachers up to which a page initially shows all of them
 
-MOST_SHOWN = 8  # number of teachers besides Random that a page with more of them initially shows
+MOST_SHOWN = 8  # number of teachers besides Random initially shown on a page with more than `ALL_SHOWN`
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +78,7 @@ class Measurements:
 
     @property
     def comparisons(self) -> tuple["TeacherComparison", ...]:
-        """Comparisons in a fixed order, created at every access, so that their curricula can be freed."""
+        """Comparisons in a fixed order, created anew at each access so that their curricula can be freed."""
         return tuple(TeacherComparison(measurements=self, **parts) for parts in self._parts)
 
     @cached_property
@@ -136,7 +136,7 @@ class TeacherComparison:
 
     @cached_property
     def median_runs(self) -> dict[str, pd.Series]:
-        """Each teacher's run with the median headline, or else its first run that has started."""
+        """Each teacher's run with the median value of `HEADLINE`, or else its first run that has started."""
         cells = self.cells[self.cells["status"].isin(["done", "running"])]
         ranked = self.finals.sort_values([HEADLINE, "evaluation_return"], kind="stable")
         finals = {
@@ -154,7 +154,7 @@ class TeacherComparison:
 
     @cached_property
     def curricula(self) -> dict[str, RunCurriculum]:
-        """Curricula of the teachers' median runs, without runs that have no episodes."""
+        """Curricula of the teachers' median runs, leaving out runs without episodes."""
         return self.read_curricula(self.median_runs)
 
     def read_curricula(self, teachers: Iterable[str]) -> dict[str, RunCurriculum]:
@@ -169,7 +169,7 @@ class TeacherComparison:
 
 
 def _titles(cells: Sequence[pd.Series]) -> list[str]:
-    """Return the titles of comparisons, with the experiment where titles would be equal."""
+    """Return the titles of comparisons, prefixed by the experiment where they would otherwise be equal."""
     several_engines = len({cell["engine"] for cell in cells}) > 1
     titles = []
     for cell in cells:
@@ -195,7 +195,7 @@ def _titles(cells: Sequence[pd.Series]) -> list[str]:
 def leading(
     results: pd.DataFrame, measure: str, teachers: Iterable[object], within: Sequence[str] = ()
 ) -> frozenset[str]:
-    """Return the teachers that a page initially shows: all, or Random and the best if they are many.
+    """Return the teachers that a page initially shows: all, or Random and the best if there are many.
 
     The best have the highest means of a measure over their challenges. A comparison without any of them
     shows its best teacher.

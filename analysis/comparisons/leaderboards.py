@@ -28,7 +28,7 @@ from analysis.names import challenge_title, distinct_labels, label, mark_of, tit
 from tma_ray.support.component_names import split_name
 
 THRESHOLDS = (25, 50, 75)
-"""Per cent of the test tasks for the shares of runs in tables."""
+"""Percentages of mastered test tasks above which tables count runs."""
 
 BLOCK_COLUMNS = [*ACROSS, "block", "challenges", "of"]
 """Columns of a block of rows of `overall`: the teachers of one set of challenges."""
@@ -279,7 +279,7 @@ def _columns(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
 
 
 def _bodies(runs: pd.DataFrame) -> list[str]:
-    """Return the bodies if there are several and one challenge, else an empty list."""
+    """Return the bodies if there are several on a single challenge, else an empty list."""
     bodies = sorted(runs["embodiment"].unique())
     one = len(runs[["environment", "challenge"]].drop_duplicates()) == 1
     return bodies if one and len(bodies) > 1 else []

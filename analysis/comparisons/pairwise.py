@@ -1,4 +1,4 @@
-"""Pairwise tests between groups of runs, for rankings, leaderboards, pages and sentences."""
+"""Pairwise tests between teachers or other groups of runs, with corrections for multiple testing."""
 
 import itertools
 import math
@@ -43,7 +43,7 @@ from tma_ray.benchmark import TEACHERS
 from tma_ray.support.validation import check_known, check_sequence
 
 OTHER_PARTS: Final = "other bodies or students"
-"""Reason for no test between groups with other bodies or students."""
+"""Reason why groups whose bodies or students differ are not tested."""
 
 TEST = list(Comparison.__dataclass_fields__)
 """Columns of a test, those of `statistics.Comparison`."""
@@ -237,7 +237,7 @@ def against_baseline(finals: pd.DataFrame, curves: pd.DataFrame, measures: Itera
 
 
 def along_baseline(curves: pd.DataFrame, reference: pd.DataFrame, measure: str) -> pd.DataFrame:
-    """Return the tests of all teachers against Random at every evaluation, adjusted by Holm step by step.
+    """Return the tests of all teachers against Random at every evaluation, Holm-corrected at each step.
 
     Args:
         curves: results of `evaluation_curves`, of one comparison.
@@ -308,7 +308,7 @@ def reference_of(teachers: pd.DataFrame, randoms: Randoms) -> pd.DataFrame:
 
 
 def pairs_of(names: Sequence[str], reference: str | Collection[str] | None) -> Iterator[tuple[str, str]]:
-    """Yield the pairs of names with `reference` or any of several references; None for all pairs."""
+    """Yield the pairs of names that include `reference` (one name or several), or all pairs if it is None."""
     if not isinstance(reference, str):
         pairs = itertools.combinations(names, 2)
         yield from (pair for pair in pairs if reference is None or not set(pair).isdisjoint(reference))
@@ -317,7 +317,7 @@ def pairs_of(names: Sequence[str], reference: str | Collection[str] | None) -> I
 
 
 def nobody(reference: str) -> str:
-    """Return the reason for no test against a `reference` without runs."""
+    """Return the reason why there is no test against a `reference` without runs."""
     return NO_BASELINE if is_baseline(reference) else f"no {reference} to compare with"
 
 
@@ -367,7 +367,7 @@ def by_challenge(rows: pd.DataFrame, measure: str) -> dict[Hashable, dict[str, p
 def _by_group(
     rows: pd.DataFrame, measure: str, groups: NDArray[np.int64]
 ) -> dict[int, dict[Hashable, dict[str, pd.Series]]]:
-    """Return the samples of `by_challenge` for each number in `groups` (n,) that has values."""
+    """Return the samples of each group with values, as in `by_challenge`; `groups` (n,) are group numbers."""
     columns = ("stratum_name", "stratum", "challenge_number")
     names, strata, challenges = (rows[column].to_numpy() for column in columns)
     measured = np.flatnonzero(rows[measure].notna().to_numpy())
@@ -395,7 +395,7 @@ CORRECTED = ["holm", "simultaneous_low", "simultaneous_high"]
 
 
 def corrected(table: pd.DataFrame, family: Sequence[str]) -> pd.DataFrame:
-    """Return a table of tests with the columns `CORRECTED`; tests with equal `family` are a family."""
+    """Return `table` with the columns `CORRECTED` added; tests with equal values of `family` are a family."""
     groups = table.groupby(list(family), dropna=False).indices.values() if family else [np.arange(len(table))]
     columns = ["difference", "low", "high", "degrees_of_freedom"]
     numbers, p_values = table[columns].to_numpy(float), table["p"].to_numpy(float)
@@ -437,7 +437,7 @@ class _Sample:
 
     @property
     def described(self) -> Description:
-        """Number of runs, and the standard deviation within strata if these are of equal size."""
+        """Number of runs, and their standard deviation within strata, assuming strata of equal size."""
         std = math.sqrt(sum(part.std**2 for part in self.parts.values()) / len(self.parts))
         return Description(self.n, math.nan, std)
 
@@ -467,7 +467,7 @@ def _detectable(row: Mapping[str, Any], first: _Sample, second: _Sample) -> floa
 def _least_variances(
     samples: Mapping[str, _Sample], core: Collection[str]
 ) -> dict[tuple[Hashable, str], float]:
-    """Return the least variance allowed in each stratum, from core teachers or else all of them."""
+    """Return the least variance allowed in each stratum, computed over its core teachers, or all if none."""
     values: dict[tuple[Hashable, str], dict[bool, list[Description]]] = {}
     for name, sample in samples.items():
         for stratum, part in sample.parts.items():
@@ -478,7 +478,7 @@ def _least_variances(
 def _compared(
     first: _Sample, second: _Sample, seeds: Seeds, least: Mapping[tuple[Hashable, str], float]
 ) -> dict[str, object]:
-    """Return the columns of a test of two groups, over challenges where both have the same strata."""
+    """Return the columns of a test between two groups, over challenges where both have the same strata."""
     ours, others = first.challenges, second.challenges
     common = [key for key in ours if key in others and set(ours[key]) == set(others[key])]
     names = [(key, stratum) for key in common for stratum in sorted(ours[key])]

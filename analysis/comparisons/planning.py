@@ -74,7 +74,7 @@ def _lite_students(name: str) -> frozenset[str]:
 
 @cache
 def _lite_deviations(name: str) -> dict[Hashable, list[float]]:
-    """Return standard deviations by environment and challenge, of a release's teachers with the most seeds.
+    """Return the standard deviations of a release's teachers with the most seeds, by challenge.
 
     Challenges on which no teacher masters `FLOOR` % are missing.
     """

@@ -152,7 +152,7 @@ def incomparable(yours: ResultSet, baselines: Sequence[ResultSet], runs: pd.Data
 
 
 def _differing_conditions(yours: ResultSet, baseline: ResultSet) -> str:
-    """Return the conditions of a baseline that none of your results has, and a command that has them."""
+    """Return the conditions of a baseline that no result of yours has, and a command for runs under them."""
     differing = []
     for column in dict.fromkeys(["challenge", "expert_knowledge", *CONDITION_LABELS]):
         name = CONDITION_LABELS.get(column, "expert knowledge")
@@ -168,7 +168,7 @@ def _differing_conditions(yours: ResultSet, baseline: ResultSet) -> str:
 
 
 def reference_only(yours: ResultSet, baseline: ResultSet) -> pd.DataFrame:
-    """Return a baseline's results on your challenges that are not comparable with yours.
+    """Return those of a baseline's results on your challenges that are not comparable with yours.
 
     Returns:
         `CHALLENGE_LEVEL`, teacher, n, mastered_percent_mean and _std, and differs, the differences as text.

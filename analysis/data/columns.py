@@ -36,7 +36,7 @@ CONDITIONS = ["steps", "engine", "physics_version", "mastery_threshold", "varian
 """Columns of pools that results must have in common to be counted, drawn or aggregated together."""
 
 TABLE_CONDITIONS = [*CONDITIONS[:-1], "test_set"]
-"""Columns of pooled results whose values never share a table; test_set is empty for the shipped ones."""
+"""Columns of pooled results; a table has one value of each. test_set is empty for shipped test sets."""
 
 SETTINGS = ["steps", "test_sets", "engine", "physics_version", "mastery_threshold"]
 """Columns that runs of a challenge must have in common for comparable results."""

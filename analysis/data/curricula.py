@@ -28,7 +28,7 @@ class RunCurriculum:
     episodes: pd.DataFrame  # step, task, world_task and episodic_return
     probes: pd.DataFrame  # step and task
     updates: pd.DataFrame  # step, gaussians, boxes and scalars of the teacher
-    steps: int  # length of the run
+    steps: int  # length of the run in environment steps
     mastery: float = MASTERY_RETURN  # mastery threshold, an episodic return
     seed: int = 0  # seed of the run
 
@@ -53,7 +53,7 @@ class RunCurriculum:
         return replace(self, episodes=cut(self.episodes), probes=cut(self.probes), updates=cut(self.updates))
 
     def probed_at(self, step: int) -> NDArray[np.float32]:
-        """Return the tasks (n, d) of the last probe up to `step`, or (0, 0) if the probes end before it."""
+        """Return the tasks (n, d) of the last probe up to `step`; empty if the probes end before it."""
         steps = self.probes["step"]
         last = steps[steps <= step].max() if (steps >= step).any() else None
         return stack(self.probes.loc[steps == last, "task"])
@@ -65,7 +65,7 @@ class RunCurriculum:
 
 
 def stack(tasks: pd.Series) -> NDArray[np.float32]:
-    """Return a column of tasks as one array (n, d), (0, 0) if it is empty."""
+    """Return a column of tasks as one array (n, d), of shape (0, 0) if it is empty."""
     return np.stack(tasks.to_list()).astype(np.float32) if len(tasks) else np.empty((0, 0), np.float32)
 
 
@@ -80,7 +80,7 @@ def return_range(curricula: Mapping[str, RunCurriculum], mastery: float) -> tupl
     return min(low, mastery), max(high, mastery)
 
 
-MOST_MOMENTS = 6  # largest number of steps that are drawn of a run, by default
+MOST_MOMENTS = 6  # default of the largest number of steps at which a run is drawn
 
 
 def moments(curricula: Mapping[str, RunCurriculum], count: int = MOST_MOMENTS) -> list[int]:
@@ -142,7 +142,7 @@ class Axis(NamedTuple):
 
 
 def task_axes(cells: pd.DataFrame) -> tuple[Axis, ...]:
-    """Return the dimensions of the teachers' task space in the runs of `cells`, or none if unknown."""
+    """Return the dimensions of the teachers' task space in the runs of `cells`; empty if unknown."""
     check_columns("cells", cells, ["spec"])
     axes = []
     for axis in parsed(next(iter(cells["spec"].dropna()), None)).get("task_space", []):

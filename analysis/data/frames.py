@@ -25,10 +25,10 @@ OF_ONE_RUN = {
 """Columns of the long tables that are read for single runs; tasks are float32 (d,)."""
 
 WINDOW_COLUMNS = ["run_id", "step", "episodes", "mean_return", "mean_length"]
-"""Columns of the training windows that views use; reading more from thousands of small files takes time."""
+"""Training-window columns that views use; reading more from thousands of small files takes time."""
 
 SHOWN_RUNS = 3
-"""Number of runs that a message names."""
+"""Largest number of runs named in a message."""
 
 STATUSES = ("done", "running", "failed", "waiting")
 """States of the run of a cell; waiting is a cell whose run has not started."""
@@ -153,7 +153,7 @@ class Frames:
         return positions(self.evaluations["run_id"])
 
     def _rows(self, table: Table, columns: list[str], run_ids: Sequence[str]) -> pd.DataFrame:
-        """Read a long table of some runs, which may lie in several roots."""
+        """Read the rows of a long table for `run_ids`, which may lie in several roots."""
         all_ids = set(self._run_ids)
         for run_id in run_ids:
             check_type("run_id", run_id, str, "the id of one run")

@@ -109,7 +109,7 @@ def _variants(cells: pd.DataFrame, column: str) -> list[tuple[Any, ...]]:
 
 
 def _names(of_runs: Sequence[tuple[Any, ...]]) -> dict[tuple[Any, ...], str]:
-    """Return a new name for each variant, except the most frequent one of each scope and name."""
+    """Return new names of variants; within a scope and name, the most frequent one keeps the plain name."""
     variants: dict[tuple[Any, ...], Counter[str]] = {}
     for *key, settings in of_runs:
         variants.setdefault(tuple(key), Counter())[settings] += 1

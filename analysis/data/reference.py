@@ -16,7 +16,7 @@ NO_BASELINE = "no Random to compare with"  # reason why a test is missing if Ran
 
 
 def is_baseline(teacher: str) -> bool:
-    """True if `teacher` is the Random baseline."""
+    """Return True if `teacher` is the Random baseline."""
     return teacher.lower() == BASELINE
 
 

@@ -21,7 +21,7 @@ CURVE_POINTS = 40
 """Number of points of a training curve that is read from the episodes."""
 
 RECENT = 20
-"""Number of latest episodes that are averaged for a point of such a curve."""
+"""Number of latest episodes that are averaged for a point of a curve that is read from the episodes."""
 
 
 @computed_once
@@ -110,7 +110,7 @@ def measured_so_far(frames: Frames) -> pd.DataFrame:
 
 
 def area_over(budget: pd.Series, ends: pd.DataFrame) -> pd.Series:
-    """Return mastered_area over the whole budget, extending the last value of each run to its end.
+    """Return mastered_area over each run's whole budget, holding its last value to the end.
 
     Args:
         budget: steps of each run.
@@ -193,7 +193,7 @@ def ceiling_sentences(frames: Frames) -> list[str]:
 
 
 def aggregate(curves: pd.DataFrame, value: str, by: Sequence[str] = GROUP) -> pd.DataFrame:
-    """Return the mean and deviation of `value` over the runs of each group and step.
+    """Return the mean and standard deviation of `value` over the runs of each group and step.
 
     Returns:
         `by`, step, n, mean, std, standard_error.

@@ -203,7 +203,7 @@ def pooled(
 
 
 Columns: TypeAlias = Mapping[str, NDArray[Any]]
-"""Columns of rows, by name."""
+"""Columns of a table, by name."""
 
 
 def _split(table: pd.DataFrame, number: str) -> dict[int, Columns]:

@@ -19,7 +19,7 @@ NOT_FINITE = "returns not finite"
 
 
 SHARES = (0.5, 0.9)
-"""Shares of the final mastered % whose first steps are measured."""
+"""Shares of the final mastered % for which the first step that reaches them is measured."""
 
 
 def measure_names(shares: Sequence[float] = SHARES) -> list[str]:
@@ -28,7 +28,7 @@ def measure_names(shares: Sequence[float] = SHARES) -> list[str]:
 
 
 def steps_to(share: float) -> str:
-    """Return the column name of the first step with a share of the final mastered %: steps_to_50_percent."""
+    """Return the column name of the first step with `share` of the final mastered %: steps_to_50_percent."""
     return f"steps_to_{round(100 * share)}_percent"
 
 
@@ -120,7 +120,7 @@ def training_returns_at(frames: Frames, steps: Iterable[int]) -> pd.DataFrame:
 
 
 def _latest(frames: Frames, curves: pd.DataFrame, measured: str, steps: Sequence[int]) -> pd.DataFrame:
-    """Return each run's last row of `curves` up to each of `steps`, without steps that it did not reach."""
+    """Return each run's last row of `curves` up to each of `steps`, omitting steps that it did not reach."""
     reached = _reached(frames, frames.measured)
     limits = [_limits(frames, step, reached).assign(step=step) for step in steps]
     rows = pd.concat([_limits(frames, 0, reached).head(0).assign(step=0), *limits]).reset_index()
@@ -218,7 +218,7 @@ def trained_steps(frames: Frames) -> pd.DataFrame:
 
 
 def trained_shares(frames: Frames) -> pd.Series:
-    """Return the percentage of trained steps of each run, by run_id."""
+    """Return the percentage of its steps on which each run trained, by run_id."""
     return trained_steps(frames).groupby("run_id")["trained_percent"].last()
 
 

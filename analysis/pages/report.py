@@ -243,7 +243,7 @@ def wanted_videos(measurements: Measurements) -> Iterator[WantedVideo]:
 
 
 def by_comparison(videos: Sequence[Video]) -> dict[str, list[Video]]:
-    """Return videos by the anchor of their section."""
+    """Group videos by the anchor of their section."""
     sections: dict[str, list[Video]] = {}
     for video in videos:
         sections.setdefault(video.wanted.comparison, []).append(video)
@@ -260,7 +260,7 @@ def write_report(
         sources: results roots and baselines with runs: folders, addresses, names.
         output: folder to write to; ``report`` in the first of `sources` if that is a folder.
         videos: videos to embed, of `wanted_videos`.
-        reload: interval at which an open page reloads, s; 0 for never.
+        reload: interval at which an open page reloads, in seconds; 0 for never.
 
     Returns:
         The page, ``index.html`` in `output`; next to it figures (PNG) and tables (CSV).

@@ -28,7 +28,7 @@ from analysis.statistics import describe
 
 CELL_AXES = (FINAL, HEADLINE)  # measures in the order in which a cell shows them
 
-MOST_ROWS = 8  # largest number of rows of the chart, which leaves room on the screen for the matrix
+MOST_ROWS = 8  # largest number of rows of the chart, so that the matrix below still fits on the screen
 
 
 class DifferenceCell(NamedTuple):
@@ -54,8 +54,8 @@ class Answer:
     title: str  # level, budget and engine
     sentence: str  # sentence on the best teachers
     chart: PageChart  # differences from Random over all challenges
-    columns: list[str]  # heads of the columns: over all, and on each challenge or body
-    rows: list[Row]  # teachers, the best at the end first
+    columns: list[str]  # column headings: all challenges or bodies, then each one
+    rows: list[Row]  # one row per teacher, with the best final results first
     notes: list[str]  # notes below the matrix
 
 
@@ -118,7 +118,7 @@ class Section:
 def overview(
     sections: Sequence[Section], titles: Iterable[str], quantity: str, heading: str, caption: str
 ) -> list[PageChart]:
-    """Return the chart over all comparisons, if there are several and a run was evaluated."""
+    """Return the overview chart of all comparisons; empty if there is only one or no run was evaluated."""
     points = [section.points.assign(comparison=section.anchor) for section in sections]
     if len(sections) < 2 or all(table.empty for table in points):
         return []
@@ -185,7 +185,7 @@ def step_rows(comparison: TeacherComparison) -> dict[str, dict[str, dict[str, st
     return by_step(curves[["step", "teacher", "run_id", *columns.values()]], row)
 
 
-Columns: TypeAlias = Mapping[str, NDArray[Any]]  # rows of a table by column
+Columns: TypeAlias = Mapping[str, NDArray[Any]]  # columns of a table, by name
 
 
 def by_step(

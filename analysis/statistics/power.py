@@ -15,13 +15,13 @@ POWER = 0.8
 """Conventional power (Cohen, 1988)."""
 
 NODES = 64
-"""Quadrature nodes per sample variance, by which the power of two runs against two is exact to 1e-6."""
+"""Number of quadrature nodes per sample variance; the power of two runs against two is exact to 1e-6."""
 
 MOST_SEEDS = 1000
 """Largest number of seeds that `seeds_needed` returns."""
 
 FURTHEST = 1e6
-"""Largest difference that is searched, standard errors."""
+"""Largest difference that is searched, in standard errors."""
 
 
 def power(

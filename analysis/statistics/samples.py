@@ -1,4 +1,4 @@
-"""Descriptions of samples, confidence intervals, Holm's correction, and equivalence by a margin."""
+"""Descriptive statistics, confidence intervals, Holm's correction, and equivalence within a margin."""
 
 import math
 from collections.abc import Sequence

@@ -23,8 +23,8 @@ MOST_ARRANGEMENTS = 20_000
 """Largest number of arrangements that are enumerated; two samples of 8 runs have 12,870."""
 
 DRAWN_ARRANGEMENTS = 9_999
-"""Number of random arrangements if there are more, for a smallest p of 1 in 10,000 (Davison and Hinkley,
-1997)."""
+"""Number of arrangements drawn at random if there are more, so that the smallest p is 1 in 10,000 (Davison
+and Hinkley, 1997)."""
 
 PERMUTATION_SEED = 0  # seed of random arrangements, fixed so that p is a function of the samples
 
@@ -174,7 +174,7 @@ def welch(sample: pd.Series, reference: pd.Series) -> Comparison:
 
 
 def welch_of_values(sample: ArrayLike, reference: ArrayLike) -> Comparison:
-    """Compare the means of two samples (n,) without common runs, as in `welch`."""
+    """Like `welch`, for independent samples given as plain arrays (n,)."""
     first, second = describe(sample), describe(reference)
     test = welch_from_statistics(first, second)
     if test.reason or first.std == second.std or min(first.std, second.std) > 0:
@@ -186,7 +186,7 @@ def welch_of_values(sample: ArrayLike, reference: ArrayLike) -> Comparison:
 
 
 def welch_from_statistics(first: Description, second: Description) -> Comparison:
-    """Compare the means of two independent samples, given their sizes, means and deviations.
+    """Compare the means of two independent samples, given their sizes, means and standard deviations.
 
     Without any spread, p is that of the permutation test.
     """
@@ -206,7 +206,7 @@ def welch_from_statistics(first: Description, second: Description) -> Comparison
 
 
 def _same_mean(first: Description, second: Description) -> bool:
-    """True if two means differ at most by a rounding error."""
+    """Return True if two means differ at most by a rounding error."""
     return bool(negligible(first.mean - second.mean, max(abs(first.mean), abs(second.mean))))
 
 
@@ -271,9 +271,10 @@ def stratified(
 
 
 def stratum_weights(challenges: Sequence[Hashable]) -> list[float]:
-    """Return the weights of strata, given their challenges (n,): equal within a challenge, summing to 1.
+    """Return the weight of each stratum, given its challenge (n,): equal within a challenge, summing to 1.
 
-    Boards, tests, claims and trials all weigh so: a challenge counts once, however many strata it has.
+    Leaderboards, tests, claims and trials use these weights: a challenge counts once, however many strata it
+    has.
     """
     sizes = Counter(challenges)
     return [1 / sizes[challenge] for challenge in challenges]

@@ -99,7 +99,7 @@ class ResultTable:
 
 
 def with_best(table: ResultTable, columns: Iterable[str] | None = None) -> ResultTable:
-    """Return a table with the highest number (after rounding) in all or some columns marked.
+    """Return `table` with the highest number (after rounding) of each of `columns`, or all, marked as best.
 
     Columns whose numbers are all equal have no mark.
     """

@@ -19,7 +19,7 @@ from tma_ray.support.quantities import expanded
 _NAMES: Final = "events.out.tfevents.*"
 
 _LENGTH: Final = struct.Struct("<Q")
-"""Header of a record with its size; a checksum of 4 bytes follows header and record."""
+"""Header of a record, its size; header and record are each followed by a checksum of 4 bytes."""
 
 
 def event_files(folder: Path) -> list[Path]:
@@ -118,7 +118,7 @@ class RunEvents:
 
 
 def _common(points: Sequence[Point], written: Mapping[str, deque[tuple[int, float]]]) -> int:
-    """Remove the first points from `written` as far as they agree with it, and return their number."""
+    """Remove from `written` the leading `points` that it already has, and return their number."""
     for index, (step, scalars) in enumerate(points):
         expected = {tag: (step, float(np.float32(value))) for tag, value in scalars.items()}
         if any(not written.get(tag) or written[tag][0] != value for tag, value in expected.items()):

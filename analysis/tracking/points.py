@@ -74,7 +74,7 @@ class Tracker(ABC):
 
 
 def watch(tracker: Tracker) -> Iterator[int]:
-    """Update a tracker periodically, and yield the number of runs with new points, if any."""
+    """Update `tracker` periodically, yielding the number of runs with new points if any; never ends."""
     while True:
         time.sleep(UPDATE_SECONDS)
         if count := tracker.update():

@@ -27,7 +27,7 @@ Floats = NDArray[np.float64]
 def spent(fraction: float, error: float) -> float:
     """Return the part of the one-sided `error` that is spent at a fraction of the information.
 
-    Lan and DeMets' (1983) function like O'Brien and Fleming's: 2 - 2 Phi(z(1 - error / 2) / sqrt(fraction)).
+    Lan and DeMets' (1983) O'Brien-Fleming-type function: 2 - 2 Phi(z(1 - error / 2) / sqrt(fraction)).
     """
     return 2 * float(special.ndtr(special.ndtri(error / 2) / math.sqrt(fraction)))
 

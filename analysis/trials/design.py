@@ -64,10 +64,10 @@ class TrialCell:
     student: str
     expert_knowledge: str
     slope: float  # points of `HEADLINE` per radian of its arcsine, at the mean of the release
-    deviation: float  # standard deviation of a run, pooled over the release's teachers, rad
+    deviation: float  # standard deviation of a run, pooled over the release's teachers, in rad
     hours: float  # median hours of a run in the release; 0 if unknown
     weight: float | None = None  # weight in the mean over cells; None in older designs, for equal weights
-    least: float = 0.0  # least variance of a teacher's runs, rad²
+    least: float = 0.0  # least variance of a teacher's runs, in rad²
     end: Spread | None = None  # spread of `FINAL`; None in older designs, which report `HEADLINE` alone
 
     def spread(self, measure: str) -> Spread:
@@ -97,13 +97,13 @@ class Design:
     margin: float = AREA_MARGIN  # equivalence margin of `HEADLINE`, in points; see `margin_of`
     error: float = rules.ERROR  # error to spend on both comparisons together, at most `ERROR`
     simulated_error: float = 0.0  # largest share of simulated trials with a wrong verdict
-    looks: tuple[int, ...] = rules.LOOKS  # seeds of every cell at each look
+    looks: tuple[int, ...] = rules.LOOKS  # number of the new teacher's seeds per cell at each look
     measure: str = HEADLINE  # measure of the design, a column of `run_measures`
     runs: str = ""  # SHA-256 of the ids of all runs, which depend on the teacher's source and settings
 
     @classmethod
     def of(cls, content: Mapping[str, Any], where: str) -> "Design":
-        """Return the design in the content of a trial file.
+        """Return the design decoded from the content of a trial file.
 
         Raises:
             DamagedFileError: if the content is not that of a design.
@@ -176,12 +176,12 @@ class Design:
 
 
 def released_runs(frames: Frames) -> pd.DataFrame:
-    """Return the ended runs of a release with finite returns."""
+    """Return a release's ended runs whose returns are finite."""
     return ended_runs(frames).dropna(subset=["angle"])
 
 
 def ended_runs(frames: Frames) -> pd.DataFrame:
-    """Return the ended runs, with NaN in place of the measures of runs with non-finite returns.
+    """Return the ended runs; measures are NaN for runs with non-finite returns.
 
     Returns:
         `CELL_COLUMNS`, teacher, run_id, seed, the measures of `AXES` and the columns of `SCALED`.
@@ -195,7 +195,7 @@ def ended_runs(frames: Frames) -> pd.DataFrame:
 
 
 def in_cell(runs: pd.DataFrame, key: tuple[str, ...]) -> pd.DataFrame:
-    """Return the runs in the cell with these values of `CELL_COLUMNS`."""
+    """Return the runs in the cell whose values of `CELL_COLUMNS` are `key`."""
     return runs[(runs[CELL_COLUMNS] == list(key)).all(axis=1)]
 
 
@@ -230,7 +230,7 @@ def make_design(
         frames: frames of the release.
         margin: equivalence margin, in points.
         cells: names of cells, as in `TrialCell`; all by default.
-        looks: seeds of every cell at each look.
+        looks: number of the new teacher's seeds per cell at each look.
 
     Raises:
         ValueError: if a cell is unknown, the references have too few runs or no spread between seeds, or
@@ -280,7 +280,7 @@ def _cell_keys(cells: pd.DataFrame, names: Collection[str]) -> dict[str, tuple[s
 def _cells(
     keys: Mapping[str, tuple[str, ...]], released: pd.DataFrame, frames: Frames
 ) -> tuple[TrialCell, ...]:
-    """Return the cells of a trial, those with the most signal to noise per core-hour first.
+    """Return the cells of a trial, sorted by signal-to-noise ratio per core-hour, highest first.
 
     The signal is the variance between the release's teachers less the share of seeds, the noise the variance
     of a run.
@@ -310,7 +310,7 @@ def _cells(
 
 
 def _weights(keys: Sequence[tuple[str, ...]]) -> list[float]:
-    """Return the weights of cells, with sum 1, and equal for challenges and within a challenge."""
+    """Return cell weights that sum to 1: challenges weigh the same, as do the cells within each."""
     weights = stratum_weights([key[:CHALLENGE] for key in keys])
     return [weight / sum(weights) for weight in weights]
 
@@ -378,7 +378,7 @@ def setting_of(design: Design, released: pd.DataFrame, measure: str = HEADLINE) 
 
 
 def detectable(design: Design, reference: str, runs: rules.Floats) -> float:
-    """Return the detectable difference of a trial with power `POWER` over all looks, in points.
+    """Return the difference, in points, that a trial detects with power `POWER` over all looks.
 
     Runs are assumed normal with the release's standard deviations.
     """
@@ -397,7 +397,7 @@ def detectable(design: Design, reference: str, runs: rules.Floats) -> float:
 
 
 def planned(design: Design, runs: rules.Floats, measure: str = HEADLINE) -> list[rules.DifferenceEstimate]:
-    """Return the expected estimates by look for a new teacher that equals the reference."""
+    """Return the expected estimate at each look for a new teacher that is equal to the reference."""
     variance = np.array([cell.spread(measure).deviation ** 2 for cell in design.cells])
     reference = rules.Moments(np.zeros_like(variance), variance, runs)
     teachers = [replace(reference, runs=np.full_like(variance, seeds)) for seeds in design.looks]

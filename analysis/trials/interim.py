@@ -49,7 +49,7 @@ class LookComparison:
 
     measure: str  # measure that is compared, one of `design.AXES`
     reference: str  # teacher that the new one is compared with
-    seeds: int  # seeds of every cell of the new teacher
+    seeds: int  # number of the new teacher's seeds per cell
     value: float  # observed difference
     unbiased: float  # median-unbiased estimate, which allows for earlier looks; NaN after a verdict
     low: float  # lower end of the repeated confidence interval
@@ -63,7 +63,7 @@ class LookComparison:
 class InterimLook:
     """Interim look of a trial, with its comparisons."""
 
-    seeds: int  # seeds of every cell
+    seeds: int  # number of the new teacher's seeds per cell
     comparisons: tuple[LookComparison, ...]  # comparisons, starting with the measure that ends trials
     settled: tuple[LookComparison, ...]  # comparisons at the look that gave their verdict, else at this one
     ending: TrialEnding  # reason why the trial ends here, or `GOES_ON`

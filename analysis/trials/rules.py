@@ -16,7 +16,7 @@ from scipy import special
 from analysis.statistics.samples import negligible
 from analysis.trials.boundaries import boundaries
 
-LOOKS = (3, 5, 10, 20)  # seeds of every cell at the interim looks
+LOOKS = (3, 5, 10, 20)  # number of the new teacher's seeds per cell at each look
 ERROR = 0.05  # probability of a wrong verdict, over both comparisons and all looks
 
 COMPARISONS = 2
@@ -103,9 +103,9 @@ def difference(teacher: Moments, reference: Moments, estimand: Estimand) -> Diff
 class DecisionRule:
     """Group-sequential decision rule of one comparison."""
 
-    looks: tuple[int, ...]  # seeds of every cell at each look
+    looks: tuple[int, ...]  # number of the new teacher's seeds per cell at each look
     fractions: tuple[float, ...]  # planned information at each look, as a share of that at the last look
-    margin: float  # equivalence margin, points
+    margin: float  # equivalence margin, in points
     candidates: int = 1  # number of teachers among which the reference is the best; 1 if it was not selected
     error: float = ERROR / COMPARISONS  # probability of a wrong verdict over all looks
 
@@ -187,7 +187,7 @@ def planned_fractions(looks: Sequence[int], factors: Floats, reference_runs: Flo
     """Return the information at each look as a share of that at the last look, for equal variances.
 
     Args:
-        looks: seeds of every cell at each look.
+        looks: number of the new teacher's seeds per cell at each look.
         factors: factors of the `Estimand` (cells,).
         reference_runs: number of runs of the reference, fixed for all looks (cells,).
     """
@@ -208,7 +208,7 @@ class SimulatedOutcomes:
     """Outcomes of simulated trials, each with two comparisons: with Random and with the best teacher."""
 
     verdicts: NDArray[np.str_]  # `TrialVerdict` of each comparison (2, trials)
-    seeds: NDArray[np.int64]  # seeds of every cell that were run (trials,)
+    seeds: NDArray[np.int64]  # number of the new teacher's seeds per cell that were run (trials,)
     estimates: Floats  # difference at the look of the verdict, or at the last one (2, trials), in points
     errors: Floats  # standard error of the estimate (2, trials)
     looks: NDArray[np.int64]  # index of the look of the estimate (2, trials)

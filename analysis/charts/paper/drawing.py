@@ -36,7 +36,7 @@ FRAME = "#b9bec6"
 """Colour of frames around panels of the task space."""
 
 NARROW_GAP, WIDE_GAP = 0.08, 0.3
-"""Space between panels side by side, without and with numbers at their vertical axes, inches."""
+"""Space between panels side by side, without and with numbers at their vertical axes, in inches."""
 
 ANIMATION_DPI = 90  # resolution of an animation, in dots per inch
 Drawn = dict[Panel, Axes]  # axes of the panels of a chart, row by row

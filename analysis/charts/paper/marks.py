@@ -17,7 +17,7 @@ from matplotlib.transforms import ScaledTranslation
 from analysis.charts import base
 from analysis.teacher_styles import MUTED, RULE, TeacherStyle
 
-STAR_ROW = 6.5  # height of a row of stars, points
+STAR_ROW = 6.5  # height of a row of stars, in points
 
 DIAMETER, THICKNESS = 0.55, 0.75
 """Points on paper per CSS pixel of a mark's diameter, and of a line's width."""
@@ -48,7 +48,7 @@ def _draw(mark: base.Mark, *_: object) -> None:
 
 @_draw.register
 def _(mark: base.Curve, axes: Axes, panel: base.Panel) -> None:
-    """Draw a curve, thin after the last step that all runs have reached."""
+    """Draw a curve, with a thinner line after the last step that all runs have reached."""
     whole = np.ones(len(mark.x), bool) if mark.n is None else mark.n == mark.n.max()
     start, end = (int(index) for index in np.flatnonzero(whole)[[0, -1]])
     x, colour = mark.x[start:], mark.look.colour

@@ -19,9 +19,9 @@ from analysis.names import teacher_order
 from analysis.teacher_styles import INK, MUTED, RULE, shown_together, teacher_style
 
 CENTRE, RADIUS = 1.36, 0.86
-"""Height of a radar's centre above its lower edge, and radius of its rim, inches."""
+"""Height of a radar's centre above its lower edge, and radius of its rim, in inches."""
 
-STAR_GAP = 0.092  # distance between two stars, inches
+STAR_GAP = 0.092  # distance between two stars, in inches
 
 STAR_COLUMNS, STAR_ROWS = 4, 2
 """Largest numbers of columns and rows of stars at an axis; more stars are replaced by their number."""

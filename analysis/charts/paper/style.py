@@ -102,7 +102,7 @@ def save(figure: Figure, path: str | Path, vector: Vector = Vector.PDF) -> tuple
     files, layout = [], figure.get_layout_engine()
     try:
         for ending in (vector.value, "png"):
-            file = Path(f"{path}.{ending}")  # not with_suffix: names such as "after-0.5" contain points
+            file = Path(f"{path}.{ending}")  # not with_suffix: names such as "after-0.5" contain dots
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_bytes(_file(figure, ending, PRINT_DPI))
             files.append(file)
@@ -131,7 +131,7 @@ class Picture(NamedTuple):
         png: content of the PNG file.
         title: title of the figure.
         caption: content and number of seeds.
-        width: natural width on the page, CSS pixels.
+        width: natural width on the page, in CSS pixels.
     """
 
     name: str
