@@ -89,7 +89,7 @@ class Part:
         position: the frame's origin relative to the spawn point, in m.
         density: density, in kg/m².
         friction: coefficient; a contact has the geometric mean of its two (Box2D's rule).
-        angle: angle of the frame in the drawn pose, in rad.
+        angle: angle of the frame in the reference pose, in rad.
         head: True for the one part that sensors, reward and termination refer to.
         critical: names of environments in which a contact of this part ends the episode.
         pushed: True for a part that gets the random push at an episode's start, as the head always does.
@@ -130,7 +130,7 @@ class Part:
 class Joint:
     """Hinge between two parts, either motorised or passive.
 
-    The joint's angle is that of `part_b` minus that of `part_a`, 0 in the drawn pose.
+    The joint's angle is that of `part_b` minus that of `part_a`, 0 in the reference pose.
 
     Attributes:
         part_a: name of the part nearer to the head.
@@ -170,7 +170,7 @@ class Joint:
 
 @dataclass(frozen=True)
 class GripSensor:
-    """Circle welded to a part, which can hold objects that it touches, and does not collide.
+    """Circle welded to a part; it can hold objects that it touches, and does not collide.
 
     Attributes:
         name: unique name among the body's parts and sensors.

@@ -29,8 +29,8 @@ from tma_ray.support.quantities import BODY_SIZE, TORQUE
 Entry = dict[str, Any]
 
 POSITION_FIELDS = ("position", "anchor", "anchor_b")  # fields of an entry that are shifted in copies
-LAST = "last"  # value of `head` for true in the last copy only
-NUMBER = re.compile(r"\{(\d*)k([+-]\d+)?\}")  # a copy's number k = 1, 2, ... in texts: {k}, {2k-1}, {k+1}
+LAST = "last"  # value of `head` that means true in the last copy, false in others
+NUMBER = re.compile(r"\{(\d*)k([+-]\d+)?\}")  # placeholders for a copy's number k: {k}, {2k-1}, {k+1}
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ def expand_repeats(data: Mapping[str, Any], counts: Mapping[str, int]) -> dict[s
 
 
 def _copied(entry: Entry, section: Repeat, number: int, count: int) -> Entry:
-    """Return `entry` of a repeated section for copy `number` of `count`."""
+    """Return `entry` renumbered and shifted for copy `number` of `count` of its repeated section."""
 
     def numbered(match: re.Match[str]) -> str:
         return str(int(match[1] or 1) * number + int(match[2] or 0))
@@ -233,7 +233,7 @@ def _shipped(name: str, settings: tuple[tuple[str, float], ...]) -> Embodiment:
 
 
 def _parse(path: Traversable, settings: Mapping[str, float]) -> Embodiment:
-    """Return the body of a file with `settings`; its name includes those that change it."""
+    """Return the body in the file `path` with `settings`; its name includes the settings that change it."""
     try:
         if isinstance(path, Path):
             check_file(path, MOST_TEXT_BYTES)

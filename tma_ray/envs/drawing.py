@@ -170,7 +170,7 @@ class Canvas:
         pygame.draw.circle(self.surface, end, (right, y), 4 * SUPERSAMPLING)
 
     def sees(self, left: Floats, right: Floats) -> NDArray[np.bool_]:
-        """Return a mask (n,) of the objects, from x = `left` to `right` (n,), that are in the frame."""
+        """Return a mask (n,) of the objects in the frame, which span x from `left` to `right` (n,)."""
         return np.asarray((right >= self.view.left) & (left <= self.view.right))
 
     def _pixels(self, points: Floats) -> Floats:
@@ -253,7 +253,7 @@ class Renderer:
         edge = np.array([[view.left, terrain.water_y], [view.right, terrain.water_y]])
         if view.bottom < terrain.water_y < view.top:
             canvas.line(edge, WATER_EDGE, 1)
-        # before the ceiling, which covers their upper ends
+        # creepers, before the ceiling, which covers their upper ends
         sizes = terrain.creepers[:, 2:] - terrain.creepers[:, :2]
         reach = np.hypot(*sizes.T) / 2
         seen = canvas.sees(scene.creepers[:, 0] - reach, scene.creepers[:, 0] + reach)

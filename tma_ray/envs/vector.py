@@ -1,4 +1,4 @@
-"""Vector environments, whose worlds have their own tasks and are stepped in one compiled call."""
+"""Vector environments whose sub-environments have their own tasks and take a step in one compiled call."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
@@ -62,7 +62,7 @@ def lock_step(environments: Sequence[gymnasium.Env[Any, Any]], threads: int = 1)
 
 
 class LockStep:
-    """Stepper of n environments of one class, one after the other.
+    """Stepper of n environments of one class that steps them one after the other.
 
     Attributes:
         episodic_returns: sums of the rewards of the current episodes (n,).
@@ -73,12 +73,12 @@ class LockStep:
         self.episodic_returns = np.zeros(len(environments))
 
     def read_limits(self) -> None:
-        """Update the time limits of episodes from the environments."""
+        """Read the time limits of episodes again from the environments."""
 
     def reset(
         self, rows: NDArray[np.int64], seeds: Sequence[int | None], tasks: Iterable[Task | None]
     ) -> tuple[NDArray[np.float32], Task]:
-        """Reset the environments `rows`; the first call must reset all.
+        """Reset the environments with indices `rows` (k,); the first call must reset all.
 
         Args:
             rows: indices of the environments (k,).
@@ -102,7 +102,7 @@ class LockStep:
         return observations, np.stack(played)
 
     def step(self, rows: NDArray[np.int64], actions: NDArray[np.float32]) -> Outcome:
-        """Take one step with `actions` (k, a) in the environments `rows` (k,)."""
+        """Take one step with `actions` (k, a) in the environments with indices `rows` (k,)."""
         outcome = self._step(rows, actions)
         self.episodic_returns[rows] += outcome.rewards
         return outcome
@@ -119,7 +119,7 @@ class LockStep:
 
 
 class EngineLockStep(LockStep):
-    """Stepper of environments with engines, in one compiled call."""
+    """Stepper of environments that steps their engines in one compiled call."""
 
     def __init__(self, environments: Sequence[gymnasium.Env[Any, Any]], threads: int = 1) -> None:
         super().__init__(environments)
@@ -129,7 +129,7 @@ class EngineLockStep(LockStep):
         self.read_limits()
 
     def read_limits(self) -> None:
-        """Update the time limits of episodes; see `LockStep`."""
+        """Read the time limits of episodes again; see `LockStep`."""
         self._longest = np.array([environment.max_episode_steps for environment in self._environments])  # type: ignore[attr-defined]
 
     def reset(
@@ -168,15 +168,15 @@ OPTIONS = ("reset_mask", "task")  # options of a reset
 
 
 class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
-    """Vector environment, with bit-for-bit the same results as its environments alone.
+    """Vector environment with the same results, bit for bit, as its sub-environments on their own.
 
-    Each world begins its next episode as in Gymnasium's vector environments: in the next step, whose action
+    A sub-environment begins its next episode as Gymnasium specifies: in the next step, whose action
     is ignored (NEXT_STEP), in the same step, with the last observation and info under "final_obs" and
     "final_info" (SAME_STEP), or by `reset` with ``options["reset_mask"]`` (n,) (DISABLED). Its task comes
     from ``options["task"]`` (n, d), from `next_task`, or uniformly from `task_space`. `info` holds "success"
     (n,), a return over the mastery return, "task" (n, d) and, at the end of episodes, "is_success" (n,), each
-    with its mask. A copy or a pickle, which is refused during episodes, has copies of the environments, and
-    must be reset before its first step, as after `close`.
+    with its mask. A copy or a pickle, which is refused during episodes, has copies of the
+    sub-environments, and must be reset before its first step, as after `close`.
 
     Args:
         environments: new environments of one class.
@@ -184,7 +184,7 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
             forked process has one.
         autoreset_mode: mode or its value ("NextStep").
         next_task: function that returns the task of the next episode, (d,) or a dict of names, such as a
-            teacher's `sample`; called in the order of the worlds.
+            teacher's `sample`; called in the order of the sub-environments.
 
     Raises:
         ValueError: if `environments` is empty, the mode is unknown, or there are too many threads.
@@ -240,24 +240,24 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
 
     @property
     def envs(self) -> tuple[Environment, ...]:
-        """The n environments, for access to attributes only: their engines are stepped directly."""
+        """The n sub-environments, for reading attributes only, since their engines are stepped directly."""
         return tuple(self._environments)
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observations, dict[str, Any]]:
-        """Reset all worlds, or those of a mask.
+        """Reset all sub-environments, or those selected by a mask.
 
         Args:
-            seed: seeds of the worlds, or that of the first one, from which the others count up.
+            seed: seeds of the sub-environments, or that of the first one, from which the others count up.
             options: {"task": (n, d) or a dict of names to (n,), "reset_mask": (n,) of bool}, both optional.
 
         Returns:
-            Observations (n, o), in which the rows of other worlds are unchanged, and `info`.
+            Observations (n, o), in which the rows of other sub-environments are unchanged, and `info`.
 
         Raises:
             ValueError: if a task is outside `valid_domain`, a shape differs, or an option is unknown.
-            gymnasium.error.ResetNeeded: if a mask leaves out a world that has never been reset.
+            gymnasium.error.ResetNeeded: if a mask leaves out a sub-environment that has never been reset.
         """
         options = options or {}
         unknown = sorted(options.keys() - set(OPTIONS))
@@ -273,13 +273,13 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
     def step(
         self, actions: ArrayLike
     ) -> tuple[Observations, NDArray[np.float64], Flags, Flags, dict[str, Any]]:
-        """Step all worlds with `actions` (n, a), and reset those whose episodes have ended.
+        """Step all sub-environments with `actions` (n, a), and reset those whose episodes have ended.
 
-        No world moves if an error is raised.
+        None of them moves if an error is raised.
 
         Raises:
             ValueError: if actions have another shape or are not finite.
-            gymnasium.error.ResetNeeded: if a world without an episode does not begin one by itself.
+            gymnasium.error.ResetNeeded: if a sub-environment without an episode does not begin one by itself.
         """
         values = np.asarray(actions, dtype=np.float32)
         if values.shape != self.action_space.shape:
@@ -306,11 +306,11 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         return observations, rewards, terminated, truncated, info
 
     def get_attr(self, name: str) -> tuple[Any, ...]:
-        """Return the values of an attribute of all environments."""
+        """Return the values of an attribute of all sub-environments."""
         return self.call(name)
 
     def set_attr(self, name: str, values: Any) -> None:
-        """Set an attribute of all environments.
+        """Set an attribute of all sub-environments.
 
         Args:
             name: name of the attribute, such as "max_episode_steps".
@@ -328,12 +328,12 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         self._read_mastery_returns()
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
-        """Return the results of a method of all environments, or the values of an attribute."""
+        """Return the results of calling a method of all sub-environments, or the values of an attribute."""
         attributes = [environment.get_wrapper_attr(name) for environment in self._environments]
         return tuple(value(*args, **kwargs) if callable(value) else value for value in attributes)
 
     def close_extras(self, **kwargs: Any) -> None:  # noqa: ARG002  (the signature of the base)
-        """Close all worlds, and stop the threads."""
+        """Close all sub-environments, and stop the threads."""
         for environment in self._environments:
             environment.close()
         self._worlds, self._observations = lock_step(self._environments, self._threads), None
@@ -346,7 +346,7 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         return VectorEnvironment, arguments, {"spec": self.spec}
 
     def _begin(self, mask: Flags, seeds: Sequence[int | None], tasks: Sequence[Task | None]) -> Observations:
-        """Reset the worlds of `mask`, and return the observations of all worlds, without copying."""
+        """Reset the sub-environments in `mask`, and return the observations of all, without copying."""
         chosen = self._rows[mask]
         self._running[chosen] = False  # remains False if a task is refused
         observations, played = self._worlds.reset(
@@ -359,7 +359,7 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         return self._observations
 
     def _step_after_ends(self, actions: NDArray[np.float32]) -> tuple[Outcome, Flags]:
-        """Reset worlds whose episodes have ended, and step the others; return the outcome and their mask."""
+        """Reset sub-environments whose episodes are over, and step the rest; return the outcome and their mask."""
         moved, begun = self._running.copy(), self._ended.copy()
         if self.autoreset_mode is AutoresetMode.DISABLED or not (moved | begun).all():
             over = ", ".join(map(str, self._rows[~moved]))
@@ -377,7 +377,7 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         return Outcome(observations, rewards, terminated, truncated), moved
 
     def _begin_same_step(self, over: Flags, success: Flags) -> dict[str, Any]:
-        """Reset the worlds `over`, and return the `info` of the step."""
+        """Reset the sub-environments in the mask `over`, and return the `info` of the step."""
         assert self._observations is not None
         last = np.full(self.num_envs, None, dtype=object)
         for row in self._rows[over]:
@@ -418,7 +418,7 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         return list(values)
 
     def _chosen_task(self, task: Task | None) -> Task | None:
-        """Return `task`, or else the result of `next_task`, or None for a random task."""
+        """Return `task` if given, else the result of `next_task`, or None for a random task."""
         if task is not None or self.next_task is None:
             return task
         return np.asarray(task_values(self.next_task(), self.valid_domain), np.float32)
@@ -441,20 +441,20 @@ def make_vector_environment(
     max_episode_steps: int | None = None,
     **kwargs: Any,
 ) -> VectorEnvironment:
-    """Return a `VectorEnvironment` of `num_envs` worlds.
+    """Return a `VectorEnvironment` of `num_envs` sub-environments.
 
     Args:
         name: name of the environment, as for `make_environment`.
-        num_envs: number of worlds.
+        num_envs: number of sub-environments.
         threads: number of threads that step them.
-        autoreset_mode: mode of Gymnasium in which the next episode of a world begins.
+        autoreset_mode: mode of Gymnasium in which the next episode of a sub-environment begins.
         next_task: function that returns the task of the next episode.
         max_episode_steps: steps after which an episode is truncated; None for the environment's own number.
         kwargs: options of the environment, as for `make_environment`.
 
     Raises:
         UnknownNameError: if `name` is unknown.
-        ValueError: if the number of worlds or threads or an option is invalid, a render mode is given, or
+        ValueError: if `num_envs`, `threads` or an option is invalid, a render mode is given, or
             episodes are longer than the environment's.
     """
     check_whole("num_envs", num_envs, least=1)

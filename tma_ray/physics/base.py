@@ -14,7 +14,7 @@ PHYSICS_VERSION = 3  # part of each run's identity; raised by every change to tr
 TIME_STEP = 1 / 50  # time between two actions, in s
 GRAVITY = -10.0  # in m/s²
 CEILING_TYPE = 1 << 20  # Chipmunk's collision type of ceiling shapes
-HANGING_STEPS = 6  # steps with closed grips before a hanging body's episode; other bodies take one
+HANGING_STEPS = 6  # steps with closed grips before an episode that starts hanging; others take one step
 
 
 class SolverSettings(NamedTuple):
@@ -26,12 +26,12 @@ class SolverSettings(NamedTuple):
     # to keep the largest impulse of a time step
     motor_share: float = 1.0
     joint_error_bias: float = 0.5**60  # share of a joint's error left after one second
-    # highest speed back into a joint's limits, in rad/s: Chipmunk's joints keep it, so that a high speed
-    # would make them bounce, unlike Box2D's
+    # highest speed at which a joint is moved back into its limits, in rad/s: Chipmunk's joints keep this
+    # speed, so that a high one would make them bounce, unlike Box2D's
     limit_correction_speed: float = 0.1
     collision_bias: float = 0.5**60  # share of a penetration left after one second
     collision_slop: float = 0.005  # allowed penetration, in m
-    skin_radius: float = 0.01  # radius by which parts are rounded, in m (as Box2D's polygons)
+    skin_radius: float = 0.01  # radius by which parts are rounded, in m (as for polygons in Box2D)
 
 
 def settings_for(body: Embodiment) -> SolverSettings:

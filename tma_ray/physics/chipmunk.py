@@ -14,7 +14,7 @@ from tma_ray.physics.rules import BodyArrays, StepArrays, body_arrays
 from tma_ray.terrain import FIXED, Terrain
 
 SETTLING_STEPS = 20  # steps to correct a body's joint angles; the softest joints keep 2 % of the error
-CLOSING_SWEEPS = 60  # corrections of every joint of a stretched body (as Box2D's position iterations)
+CLOSING_SWEEPS = 60  # corrections of every joint of a stretched body (like Box2D's position iterations)
 CONTACT_CORRECTION = 0.2  # share of a penetration corrected per sweep (as in Box2D)
 
 
@@ -119,7 +119,7 @@ def _closed(body: BodyArrays, settings: SolverSettings) -> BodyArrays:
 
 
 def _still_space(body: BodyArrays, settings: SolverSettings) -> tuple[pymunk.Space, list[pymunk.Body]]:
-    """Return a space without gravity and momentum that contains `body`, and the body's parts."""
+    """Return a space without gravity or momentum that contains `body`, and the body's parts."""
     space = pymunk.Space()
     space.damping = 0.0
     parts = add_parts(space, body, np.zeros(2), settings.skin_radius)

@@ -106,7 +106,7 @@ def first_segment(surface: Floats, x: float) -> int:
 
 @kernel
 def hit_fraction(x: float, y: float, ray: Floats, surface: Floats, side: float) -> float:
-    """Return the distance at which a ray hits `surface` (m, 4), as a share of its length; 1 if none."""
+    """Return the distance at which a ray hits `surface` (m, 4), as a share of the ray; 1 without a hit."""
     nearest = 1.0
     reach = max(x, x + ray[0])
     index = first_segment(surface, min(x, x + ray[0]))
@@ -135,7 +135,7 @@ def creepers_between(left: float, right: float, world: World) -> tuple[int, int]
 
 @kernel
 def _creeper_fraction(x: float, y: float, ray: Floats, world: World) -> float:
-    """Return the distance at which a ray hits a creeper, as a share of its length; 1 if none."""
+    """Return the distance at which a ray hits a creeper, as a share of the ray; 1 without a hit."""
     nearest = 1.0
     first, last = creepers_between(min(x, x + ray[0]), max(x, x + ray[0]), world)
     for index in range(first, last):
@@ -145,7 +145,7 @@ def _creeper_fraction(x: float, y: float, ray: Floats, world: World) -> float:
 
 @kernel
 def _box_fraction(x: float, y: float, ray: Floats, rectangle: Floats, pose: Floats) -> float:
-    """Return the distance at which a ray hits a rectangle, as a share of its length; 1 if none.
+    """Return the distance at which a ray hits a rectangle, as a share of the ray; 1 without a hit.
 
     The ray is clipped by the rectangle's two pairs of sides, in the rectangle's axes.
     """
@@ -470,7 +470,7 @@ def _centroid(polygon: Floats) -> tuple[float, float]:
 def _resist(
     edge: tuple[float, float, float], lever: tuple[float, float], motion: Floats, force: Floats
 ) -> None:
-    """Add the drag and lift of an edge that moves outwards to `force` (3,) (paper).
+    """Add to `force` (3,) the drag and lift on an edge that moves outwards (paper).
 
     `edge` is direction and length, `lever` the middle of the edge relative to the centre of mass.
     """
@@ -498,7 +498,7 @@ def _push(
     body: StepArrays,
     force: Floats,
 ) -> None:
-    """Add the propulsion of an edge by the part's motor, unless the joint is at a limit."""
+    """Add to `force` (3,) the push of an edge driven by the part's motor, unless its joint is at a limit."""
     first, second = body.joint_parts[joint]
     hinge, motion = body.hinges[joint], state[second]
     if not hinge[2] < motion[2] - state[first, 2] < hinge[3]:

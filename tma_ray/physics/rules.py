@@ -64,7 +64,7 @@ def joint_parts(body: Embodiment, joints: tuple[Joint, ...]) -> NDArray[np.int64
 
 
 def drawn_angle(body: Embodiment, joint: Joint) -> float:
-    """Return the angle between a joint's two parts in the drawn pose, in rad."""
+    """Return the angle between a joint's two parts in the body's reference pose, in rad."""
     first, second = (body.parts[body.part_index(name)] for name in (joint.part_a, joint.part_b))
     return second.angle - first.angle
 
@@ -84,7 +84,7 @@ def _mass(part: Part, sensors: list[GripSensor]) -> tuple[float, Point, float]:
 LIDARS = 10  # number of rays
 LIDAR_RANGE = 160 / 30  # length of a ray, in m
 UPRIGHT_WEIGHT = 5.0  # reward per radian by which the head's tilt decreases
-NO_LIMIT = -1  # value for unlimited steps
+NO_LIMIT = -1  # stands for an unlimited number of steps
 
 # factors that scale the observed velocities of the head
 ANGULAR_VELOCITY_SCALE = 2 / 50
@@ -163,7 +163,7 @@ def step_arrays(body: Embodiment, rules: Rules) -> StepArrays:
 
 
 def lidar_angles(layout: LidarLayout) -> Floats:
-    """Return the directions of the rays (r,) in rad, from 0 (down) over pi/2 (forward) to pi (up).
+    """Return the directions of the rays (r,) in rad; 0 is down, pi/2 forward and pi up.
 
     Source: the original release; the paper rounds the layouts to 90, 90 and 180 degrees.
     """

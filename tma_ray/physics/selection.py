@@ -34,13 +34,13 @@ class EngineChoice:
 
 
 def make_engine(body: Embodiment, rules: Rules, settings: SolverSettings | None = None) -> Engine:
-    """Return a new engine of this process's kind; `settings` are by default those of `body`."""
+    """Return a new engine of the kind in use; `settings` default to those of `body`."""
     return _engine_class(engine_in_use().name)(body, rules, settings)
 
 
 @cache
 def engine_in_use() -> EngineChoice:
-    """Return which engine this process uses, chosen on the first call.
+    """Return the engine that this process uses, chosen on the first call.
 
     Raises:
         ValueError: if TMA_RAY_ENGINE is neither "compiled" nor "pymunk".

@@ -1,4 +1,4 @@
-"""Data of the page: bodies, task spaces and constants."""
+"""Data for the playground's page: bodies, task spaces and constants."""
 
 from collections.abc import Iterable
 from typing import Any, Final

@@ -29,7 +29,7 @@ SOURCES: Final = Path(__file__).parent / "page"
 WASM: Final = Path(__file__).parent / "engine.wasm"  # built by docs/making/engine_building.py
 SCRIPTS: Final = ("engine.js", "worlds.js", "drawing.js", "play.js")
 
-RANDOM, ZERO = -2, -1  # indices of the two untrained policies, which the page's list ends with
+RANDOM, ZERO = -2, -1  # indices from the end of the page's list, after the trained policies
 
 
 @dataclass(frozen=True)
@@ -179,7 +179,7 @@ def _buffers(layer: Any) -> dict[str, list[float]]:
 
 
 def _history(results: Results | None, spec: RunSpec) -> dict[str, Any]:
-    """Return the run's curriculum over time, and its test tasks, mastered at the end or not."""
+    """Return a run's curriculum over time, and its test tasks with their mastery at the end."""
     history: dict[str, Any] = {"curriculum": [], "tests": [], "tests_mastered": [], "mastered": None}
     if results is None:
         return history

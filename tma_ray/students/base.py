@@ -24,7 +24,7 @@ Policy: TypeAlias = Callable[[Observations], Actions]
 
 
 class Transition(NamedTuple):
-    """One step of training.
+    """One environment step, as passed to `Student.observe`.
 
     Attributes:
         observation: observation before the step (o,).
@@ -44,7 +44,7 @@ class Transition(NamedTuple):
 
 
 class Student(ABC):
-    """Deep-RL algorithm with its networks and buffer, called by the run at every step.
+    """Deep-RL algorithm with its networks and experience buffer, called by the run at every step.
 
     For every step the run calls `act`, steps the environment, and calls `observe`; the transitions of
     an episode arrive in order. The run constructs a plug-in as
@@ -67,7 +67,7 @@ class Student(ABC):
 
     @abstractmethod
     def observe(self, transition: Transition) -> None:
-        """Store the transition after the last `act`, and perform the updates that are due."""
+        """Store the `transition` that followed the last `act`, and perform any updates due."""
 
     @abstractmethod
     def act_greedily(self, observations: Observations) -> Actions:
@@ -76,7 +76,7 @@ class Student(ABC):
     def sample_actions(self, observations: Observations, rng: np.random.Generator) -> Actions:
         """Return exploring actions (n, a) for `observations` (n, o), without changing any state.
 
-        They are distributed like the actions of `act`, with noise from `rng`. Teachers that declare
+        The actions are distributed like those of `act`, with noise from `rng`. Teachers that declare
         `wants_evaluations` need it.
         """
         raise NotImplementedError(f"student {type(self).__name__} does not define sample_actions")
@@ -85,7 +85,7 @@ class Student(ABC):
     def state_values(self, observations: Observations) -> NDArray[np.float64]:
         """Return V(s) (n,) of `observations` (n, o) under the exploring policy.
 
-        They are discounted returns of raw rewards, plus the bonuses of `entropy_bonuses`. Training is not
+        Values are discounted returns of raw rewards, plus the bonuses of `entropy_bonuses`. Training is not
         affected.
         """
 
@@ -147,7 +147,7 @@ class Student(ABC):
 
     @classmethod
     def policy_layers(cls, folder: Path) -> nn.Sequential:  # noqa: ARG003
-        """Return the layers of the greedy policy in `folder`, from observations (n, o) to actions (n, a).
+        """Return the layers of the greedy policy in `folder`, mapping observations (n, o) to actions (n, a).
 
         Exports to other formats support torch's layers and those of `tma_ray.students.layers`.
 
@@ -161,7 +161,7 @@ class Student(ABC):
 
 
 def checked_spaces(observation_space: Space[Any], action_space: Space[Any]) -> tuple[spaces.Box, spaces.Box]:
-    """Check that both spaces are one-dimensional float32 boxes with bounded actions, and return them."""
+    """Check that both spaces are one-dimensional float32 boxes, the action space bounded; return both."""
     boxes = _checked_box(observation_space, "observation"), _checked_box(action_space, "action")
     if not boxes[1].is_bounded():
         raise ValueError(f"action space {boxes[1]}: expected finite bounds")
@@ -177,7 +177,7 @@ def _checked_box(space: Space[Any], kind: str) -> spaces.Box:
 
 
 class StudentStreams(NamedTuple):
-    """Independent seeds of a student by purpose, spawned in the order of these fields."""
+    """Independent seeds of a student, one per purpose, spawned in the order of the fields."""
 
     networks: np.random.SeedSequence  # for initial weights and actions sampled in updates
     exploration: np.random.SeedSequence

@@ -205,7 +205,7 @@ ALGORITHMS: Final[Mapping[str, str]] = {
     "TQC": "sb3_contrib",
     "TRPO": "sb3_contrib",
 }
-"""Module of each algorithm for continuous actions without memory; PPO and SAC are students of their own."""
+"""Module of each non-recurrent algorithm for continuous actions; PPO and SAC have their own students."""
 
 PACKAGES: Final[Mapping[str, str]] = {"stable_baselines3": "stable-baselines3", "sb3_contrib": "sb3-contrib"}
 """Distribution of each module."""

@@ -33,7 +33,7 @@ class Standardise(nn.Module):
         self.clip = clip
 
     def forward(self, inputs: torch.Tensor) -> torch.Tensor:
-        """Return the normalised float32 `inputs` (n, o)."""
+        """Return `inputs` (n, o), normalised and clipped, as float32."""
         return ((inputs.double() - self.mean) / self.deviation).clamp(-self.clip, self.clip).float()
 
 
@@ -78,7 +78,7 @@ def as_sequential(layers: Sequence[nn.Module]) -> nn.Sequential:
 
 
 def unscale(actions: spaces.Box) -> Affine:
-    """Return the layer that maps actions (n, a) from [-1, 1] to their bounds."""
+    """Return the layer that maps actions (n, a) from [-1, 1] to the bounds of the space `actions`."""
     low, high = (np.asarray(bound, np.float64) for bound in (actions.low, actions.high))
     return Affine((high - low) / 2, (high + low) / 2)
 
@@ -116,7 +116,7 @@ def _leaves(module: nn.Module) -> Iterator[nn.Module]:
 
 
 def _without_batch_norm(layer: Any) -> nn.Module:
-    """Replace a batch renormalisation by an equivalent `Affine`, and return any other layer unchanged."""
+    """Return an `Affine` equivalent to a batch renormalisation layer, and any other layer unchanged."""
     if type(layer).__name__ != "BatchRenorm1d":
         return layer  # type: ignore[no-any-return]
     mean, variance, scale, bias = (
@@ -131,7 +131,7 @@ MEAN = "mean"  # name of the last layer; hidden layers are numbered
 
 
 class GreedyNetwork:
-    """Network of mean actions, used by students and saved policies, with bit-for-bit equal results.
+    """Network that computes mean actions, bit for bit the same in students and saved policies.
 
     Its first outputs are the means. Single observations use `row`, a copy of `parameters` (p,) that `refresh`
     updates, and batches the parameters themselves.

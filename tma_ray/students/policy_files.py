@@ -34,7 +34,7 @@ Bound: TypeAlias = Annotated[float, msgspec.Meta(ge=-_MAX_FLOAT32, le=_MAX_FLOAT
 
 @dataclass(frozen=True)
 class _Version:
-    """Fields of `POLICY_FILE` in all its versions."""
+    """Fields common to all format versions of `POLICY_FILE`."""
 
     format_version: int
 

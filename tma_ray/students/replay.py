@@ -45,7 +45,7 @@ class ReplayBuffer:
         self._actions = np.zeros((self._rows, action_size), dtype=np.float32)
         self._rewards = np.zeros(self._rows, dtype=np.float32)
         self._terminated = np.zeros(self._rows, dtype=np.bool_)
-        self._ending = np.zeros(self._rows, dtype=np.int32)  # number in `_endings`, or 0
+        self._ending = np.zeros(self._rows, dtype=np.int32)  # number of the entry in `_endings`, 0 for none
         self._added = 0  # number of transitions ever added
         self.clear()
 
@@ -57,12 +57,12 @@ class ReplayBuffer:
         self._row = 0  # row for the next transition
         self._size = 0
         self._filled = 0  # number of rows ever written
-        self._saved = 0  # `_added` at the last save since this call, or 0
+        self._saved = 0  # `_added` at the last save or load, or 0 if none since `clear`
         self._endings = np.empty((1, self._observations.shape[1]), dtype=np.float32)
         self._first_ending, self._next_ending = 1, 1  # range of the numbers in `_endings`: [first, next)
 
     def add(self, transition: Transition, action: NDArray[np.float32]) -> None:
-        """Store `transition` with its `action` (a,) scaled to [-1, 1], replacing the oldest one if full."""
+        """Store `transition` with its `action` (a,) scaled to [-1, 1]; if full, replace the oldest."""
         row = self._row
         following = row + 1 if row + 1 < self._rows else 0
         if self._size == self._rows - 1:  # the next observation will overwrite the oldest transition

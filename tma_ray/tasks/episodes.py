@@ -13,7 +13,7 @@ from tma_ray.tasks.spaces import Task
 
 @dataclass(frozen=True, eq=False)
 class Proposal:
-    """Task for the next episode.
+    """Task proposed for the next episode.
 
     Attributes:
         task: task in the task space, float32 (d,).

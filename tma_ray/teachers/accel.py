@@ -58,13 +58,13 @@ class ACCEL(PrioritisedReplay):
         return Proposal(task, trains=False)
 
     def new_tasks(self, rng: np.random.Generator, count: int | None = None) -> Task:
-        """Return new tasks (d,) or (count, d), from the initial Gaussian at high knowledge."""
+        """Return a new task (d,), or `count` (count, d), from the initial Gaussian at high knowledge."""
         if self.knowledge.level is KnowledgeLevel.HIGH:
             return self.knowledge.initial.sample(self.space, rng, count)
         return super().new_tasks(rng, count)
 
     def after_replay(self, task: Task) -> None:
-        """Edit a copy of `task` (d,) for the next episode."""
+        """Edit a copy of `task` (d,) for the next episode, with probability `edit_share`."""
         if self.rng.random() < self.edit_share:
             free = np.flatnonzero(self.space.width > 0)
             moved = task.astype(np.float64)

@@ -40,7 +40,7 @@ class NearestReturn:
             self._build()
 
     def nearest(self, task: Task) -> float:
-        """Return the return on the task nearest to `task` (d,) in Euclidean distance."""
+        """Return the episodic return of the stored task nearest to `task` (d,) in Euclidean distance."""
         assert self._count, "an empty history has no nearest task"
         recent = self._tasks[self._in_tree : self._count]
         distances = np.sum((recent - task) ** 2, axis=1)

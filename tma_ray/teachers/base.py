@@ -38,7 +38,7 @@ def for_budget(size: int, budget: int) -> int:
 
 
 def next_due(due: int, every: int, step: int) -> int:
-    """Return the first of `due`, `due` + `every`, ... that comes after `step` >= `due`."""
+    """Return the first of `due`, `due` + `every`, ... greater than `step`, which is at least `due`."""
     return due + every * ((step - due) // every + 1)
 
 
@@ -185,13 +185,13 @@ class DistributionTeacher(Teacher):
 
     @abstractmethod
     def draw(self, rng: np.random.Generator, count: int) -> Task:
-        """Return `count` tasks (count, d) of the current distribution."""
+        """Return `count` tasks (count, d) drawn from the current distribution."""
 
     def sample(self) -> Task:
-        """Return a task (d,) of the current distribution."""
+        """Return a task (d,) drawn from the current distribution."""
         task: Task = self.draw(self.rng, 1)[0]
         return task
 
     def probe(self, count: int) -> Task:
-        """Return `count` tasks (count, d) of the current distribution."""
+        """Return `count` tasks (count, d) drawn from the current distribution."""
         return self.draw(self.probe_rng(), count)

@@ -15,9 +15,9 @@ ROWS_AT_ONCE = 2_000  # rows predicted at once, to bound memory
 
 
 def assigned(sources: Array, targets: Array) -> NDArray[np.int64]:
-    """Return the indices (n,) of the targets in an optimal assignment to `sources` (n, f).
+    """Return the indices (n,) of the targets optimally assigned to `sources` (n, f).
 
-    It minimises the sum of squared distances. There are at least as many `targets` (m, f).
+    The assignment minimises the sum of squared distances. There are at least as many `targets` (m, f).
     """
     from scipy.optimize import linear_sum_assignment  # deferred: listing teachers must not import scipy
     from scipy.spatial.distance import cdist

@@ -33,7 +33,7 @@ class BetaProduct(NamedTuple):
 
     @classmethod
     def around(cls, mode: Array, concentration: float) -> "BetaProduct":
-        """Return the distribution with a `mode` (f,) and a `concentration`.
+        """Return the distribution with the given `mode` (f,) and `concentration`.
 
         At mode 1/2, both parameters are `concentration`.
         """
@@ -62,7 +62,7 @@ class BetaProduct(NamedTuple):
         return self.alpha * self.beta / (total**2 * (total + 1))
 
     def draw(self, rng: np.random.Generator, count: int) -> Array:
-        """Draw `count` points (count, f) by inverse transform sampling, smooth in the parameters."""
+        """Draw `count` points (count, f), smooth in the parameters, by inverse transform sampling."""
         from scipy.special import betaincinv  # deferred, so that listing teachers does not import scipy
 
         shares = rng.random((count, len(self.alpha)))
@@ -109,7 +109,7 @@ class BetaProduct(NamedTuple):
         return means
 
 
-Valued = Callable[[Array], tuple[float, Array]]  # log parameters (p,) to value and gradient (p,)
+Valued = Callable[[Array], tuple[float, Array]]  # maps log parameters (p,) to a value and its gradient (p,)
 SLACK = 1e-4  # tolerance of the constraints, in nats (divergence) or as a share (successes)
 
 
@@ -125,7 +125,7 @@ class EntropyUpdate:
     largest: float  # upper bound of the parameters; the lower bound is 1
 
     def solved(self) -> BetaProduct:
-        """Return the feasible distribution of highest entropy, or without any, that of highest success."""
+        """Return the feasible distribution of highest entropy, or if none is feasible, of highest success."""
         start = self.present.logs
         if self.success(start)[0] < self.least_success:
             start = self._best(start, self.success, (), self.success(start)[0])
@@ -237,7 +237,7 @@ class DORAEMON(DistributionTeacher):
         self._log({})
 
     def draw(self, rng: np.random.Generator, count: int) -> Task:
-        """Return `count` tasks (count, d) of the current distribution."""
+        """Return `count` tasks (count, d) drawn from the current distribution."""
         return self._box.denormalise(self.distribution_.draw(rng, count))
 
     def observe(self, episode: Episode) -> None:

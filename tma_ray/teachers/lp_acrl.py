@@ -68,7 +68,7 @@ class LPACRL(DistributionTeacher):
         self.episodes_ = 0
 
     def draw(self, rng: np.random.Generator, count: int) -> Task:
-        """Return `count` tasks (count, d), uniform in cells drawn at random."""
+        """Return `count` tasks (count, d), each uniform in a cell drawn by the current probabilities."""
         return np.stack([self._draw_task(rng) for _ in range(count)])
 
     def observe(self, episode: Episode) -> None:

@@ -25,7 +25,7 @@ from tma_ray.teachers.numerics import Array, draw_in_proportion, shares_of
 
 @dataclass(frozen=True, eq=False)
 class Mixture:
-    """Fitted mixture with weights (k,), means (k, c) and covariances (k, c, c)."""
+    """Fitted Gaussian mixture with weights (k,), means (k, c) and covariances (k, c, c)."""
 
     weights: Array
     means: Array
@@ -35,7 +35,7 @@ class Mixture:
         return len(self.weights)
 
     def draw(self, component: int, rng: np.random.Generator) -> Array:
-        """Draw a point (c,) from a `component`, given by index."""
+        """Draw a point (c,) from the component with index `component`."""
         factor = np.linalg.cholesky(self.covariances[component])
         drawn: Array = self.means[component] + factor @ rng.standard_normal(self.means.shape[1])
         return drawn
@@ -47,7 +47,7 @@ variance, too much for narrower dimensions, and lost to rounding in wider ones."
 
 
 def units_of(widths: Array) -> Array:
-    """Return the scale factors (d,) of dimensions with `widths` (d,) in a fit.
+    """Return the units (d,) in which a fit measures dimensions of `widths` (d,).
 
     These are 1 or, for narrow and wide dimensions, the nearest power of two, which does not round.
     """
@@ -142,7 +142,7 @@ class MixtureTeacher(Teacher):
             measured = np.ones(rows.shape[1] - self.space.size)
             units = np.concatenate([units_of(self.space.width), measured])
             self.mixture_ = fit_mixture(rows, self.most_components, self.fit_seed_, units)
-            # logged weights are probabilities of the components, not those of the fit
+            # logged weights are the components' sampling probabilities, not the fitted weights
             mixture, size, progress = self.mixture_, self.space.size, self.progress_of(self.mixture_)
             parts = zip(shares_of(progress), mixture.means, mixture.covariances, strict=True)
             gaussians = tuple(WeightedGaussian(float(w), m[:size], c[:size, :size]) for w, m, c in parts)

@@ -42,7 +42,7 @@ def descend(optimiser: torch.optim.Optimizer, loss: torch.Tensor) -> None:
 
 @contextmanager
 def single_thread() -> Iterator[None]:
-    """Context in which torch uses one thread, for reproducible bits."""
+    """Context manager that limits torch to one thread, for bitwise reproducibility."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:

@@ -18,7 +18,7 @@ def _libraries() -> ThreadpoolController:
 
 
 def one_thread() -> AbstractContextManager[object]:
-    """Context in which numpy's matrix products use one thread, for reproducible bits.
+    """Return a context manager that limits numpy's matrix products to one thread, for bitwise reproducibility.
 
     Libraries loaded after its first use are not limited: with scipy or scikit-learn, use the slower
     `threadpoolctl.threadpool_limits`.
@@ -69,7 +69,7 @@ def draw_in_box(space: TaskSpace, box: Array, rng: np.random.Generator) -> Task:
 
 
 class UnitBox:
-    """Transform of tasks to the unit box, which leaves out constant dimensions.
+    """Transform between tasks and points in the unit box that leaves out constant dimensions.
 
     Attributes:
         free: mask of the dimensions that are not constant (d,).
@@ -101,12 +101,12 @@ class UnitBox:
 
 
 # smallest standard deviations of a Gaussian fitted to tasks
-LEAST_STD_SHARE = 1e-3  # as a share of a dimension's range, so that a single task has a Gaussian
+LEAST_STD_SHARE = 1e-3  # as a share of a dimension's range, so that even a single task gives a Gaussian
 CONSTANT_STD = 1e-3  # for constant dimensions, in task units
 
 
 def cloud_gaussian(space: TaskSpace, tasks: Task, weights: Array | None = None) -> WeightedGaussian:
-    """Return the Gaussian with the mean and covariance of `tasks` (n, d), with optional `weights` (n,)."""
+    """Return the Gaussian with the mean and covariance of `tasks` (n, d), optionally weighted (n,)."""
     points = tasks.astype(np.float64)
     shares = np.full(len(points), 1 / len(points)) if weights is None else weights / weights.sum()
     mean = shares @ points

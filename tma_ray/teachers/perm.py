@@ -54,7 +54,7 @@ class ResponseModel(NamedTuple):
 
 
 def _most_probable(design: Array, responses: Array, precision: Array) -> Array:
-    """Return the most probable parameters (p,) of a logistic regression with a Gaussian prior."""
+    """Return the maximum a posteriori parameters (p,) of logistic regression with a Gaussian prior."""
 
     def loss(parameters: Array) -> float:
         logits = design @ parameters

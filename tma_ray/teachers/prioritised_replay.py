@@ -77,7 +77,7 @@ def negative_advantage(trajectory: Trajectory, values: Array, gae_lambda: float)
         longer = np.minimum(before + trajectory.gamma**length * errors[length:], 0.0)
         total += weight * float(
             (longer - before).sum()
-        )  # the longest possible sum also has the weights of longer ones
+        )  # the longest possible sum also takes the weights of all longer ones
         sums[: len(longer)] = longer
     return -total / len(errors)
 
@@ -118,7 +118,7 @@ class TaskBuffer:
         self.mastered = np.empty(0, dtype=np.bool_)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Restore a buffer; checkpoints without the later field `mastered` have no mastered task."""
+        """Restore a buffer; in older checkpoints, without the field `mastered`, no task is mastered."""
         vars(self).update({"mastered": np.zeros(len(state["tasks"]), dtype=np.bool_)} | state)
 
     def __len__(self) -> int:
@@ -155,7 +155,7 @@ class TaskBuffer:
         return task
 
     def rescore(self, slot: int, score: float, best: float, mastered: bool = False) -> None:
-        """Update the task in `slot` after an episode."""
+        """Set the score, best return and mastery of the task in `slot` after an episode."""
         self.scores[slot], self.best[slot], self.mastered[slot] = score, best, mastered
 
     def offer(self, task: Task, score: float, best: float, mastered: bool = False) -> int | None:
@@ -225,7 +225,7 @@ class PrioritisedReplay(Teacher):
         super().start(space, knowledge, rng)
         size = for_budget(self.buffer_size, self.budget)
         self.buffer_ = TaskBuffer(space.size, size, self.temperature, self.staleness_share)
-        self.replayed_: int | None = None  # slot of the current task in a replay
+        self.replayed_: int | None = None  # slot of the task being replayed, None for a new task
         self.episode_: Episode | None = None
         self.trajectory_: Trajectory | None = None
         self.episodes_ = 0
@@ -289,7 +289,7 @@ class PrioritisedReplay(Teacher):
         return positive_value_loss(trajectory, values, self.gae_lambda)
 
     def count_in(self, episode: Episode, values: Array) -> int | None:
-        """Score the task of `episode` with its state `values`, and return its slot, if it has one."""
+        """Score the task of `episode` by the `values` of its states, and return its slot, or None."""
         best, slot, trajectory = episode.discounted_return, self.replayed_, self.trajectory_
         mastered = episode.success
         assert trajectory is not None, "its states have been valued"

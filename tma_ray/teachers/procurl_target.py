@@ -24,7 +24,7 @@ MOST_EPISODES = 2_000  # largest number of episodes in an estimate of values, to
 
 
 def similarity(points: Array, targets: Array, reach: float) -> Array:
-    """Return the similarities exp(-distance / reach) (m, n) of `targets` (m, f) and `points` (n, f)."""
+    """Return similarities exp(-distance / reach) (m, n) between `targets` (m, f) and `points` (n, f)."""
     from scipy.spatial.distance import cdist  # deferred, so that listing teachers does not import scipy
 
     return np.asarray(np.exp(-cdist(targets, points) / reach), dtype=np.float64)

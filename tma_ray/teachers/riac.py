@@ -105,7 +105,7 @@ class Region:
 def best_cut(
     region: Region, attempts: int, fewest: int, smallest: Array, rng: np.random.Generator
 ) -> Cut | None:
-    """Return the highest-scoring of `attempts` random cuts of `region`, or None without a valid one.
+    """Return the highest-scoring of `attempts` random cuts of `region`, or None if none is valid.
 
     The score of a cut is |ALP left - ALP right| times the numbers of episodes left and right (Portelas et
     al. 2019, appendix; Baranes and Oudeyer 2009). Each part must keep at least the `fewest` episodes and the

@@ -96,7 +96,7 @@ def self_paced_update(
         penalty: weight of the divergence from the target, at least 0 (paper: alpha).
         most_divergence: bound of the step in nats (paper: epsilon).
     """
-    with threadpool_limits(limits=1):  # for reproducible bits
+    with threadpool_limits(limits=1):  # for bitwise reproducibility
         # in coordinates in which the current distribution is the standard Gaussian
         points, gains, seen = current.whiten(contexts), values - values.mean(), target.seen_from(current)
         shift, spread = _natural_gradient(points, gains, seen, penalty)

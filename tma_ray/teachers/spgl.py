@@ -98,7 +98,7 @@ def closed_form_update(
     """
     from scipy.optimize import bisect  # deferred, so that listing teachers does not import scipy
 
-    with threadpool_limits(limits=1):  # for reproducible bits
+    with threadpool_limits(limits=1):  # for bitwise reproducibility
         gradient, curvature = quadratic_fit(current.whiten(contexts), returns)
         problem = ClosedForm(gradient, curvature, target.seen_from(current), penalty)
         weight = SMALLEST_WEIGHT

@@ -111,7 +111,7 @@ class TRACED(ACCEL):
         return loss + self.error_weight * self.transitions_.error(trajectory)
 
     def count_in(self, episode: Episode, values: Array) -> int | None:
-        """Score the task of `episode` with its state `values`, and return its slot, if it has one."""
+        """Score the task of `episode` by the `values` of its states, and return its slot, or None."""
         replayed = self.replayed_ is not None
         slot = super().count_in(episode, values)
         if slot is None:
@@ -131,7 +131,7 @@ class TRACED(ACCEL):
         return slot
 
     def _forget(self, slot: int) -> None:
-        """Discard the co-learnability of a slot's former task."""
+        """Discard the co-learnability of the task that was in `slot` before."""
         self.co_learnability_[slot] = 0.0
         self.previous_round_ = [previous for previous in self.previous_round_ if previous != slot]
         self.round_ = [replayed for replayed in self.round_ if replayed != slot]

@@ -15,7 +15,7 @@ from tma_ray.terrain.terrain import (
     Terrain,
 )
 
-TRACK_LENGTH = 200 * TERRAIN_STEP  # x where the last stump must end, in m
+TRACK_LENGTH = 200 * TERRAIN_STEP  # x by which the last stump must end, in m
 GOAL_X = 190 * TERRAIN_STEP  # in m
 FIRST_STUMP = STARTPAD_STEPS * TERRAIN_STEP  # x where the first stump begins, in m
 

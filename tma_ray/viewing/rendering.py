@@ -25,7 +25,7 @@ Frame = NDArray[np.uint8]  # RGB picture (height, width, 3)
 
 
 def check_picture(path: Path) -> None:
-    """Check that `write_frames` can write a file.
+    """Check that `write_frames` can write the file `path`.
 
     Raises:
         ValueError: if the suffix is not .mp4, .gif or .png, the folder is missing or not writable, or PyAV is
@@ -144,7 +144,7 @@ class RenderedEnvironment:
 
 
 def open_rendered(settings: EpisodeSettings) -> RenderedEnvironment:
-    """Return the environment and the policy described by settings.
+    """Return the environment and the policy described by `settings`.
 
     Raises:
         ValueError: if the policy is unknown or does not fit, or the environment cannot be drawn.
@@ -255,7 +255,7 @@ def _play(
     episode: RenderedEpisode,
     every: int,
 ) -> Iterator[Frame]:
-    """Yield the frames of every `every` steps and the last frame, or only the last if `every` is 0."""
+    """Yield a frame every `every` steps and the last frame, or only the last if `every` is 0."""
     environment = rendered.environment
     observation, _ = environment.reset(seed=settings.seed, options={"task": episode.task})
     while episode.steps < settings.steps and not episode.ended:

@@ -61,7 +61,7 @@ class CompiledEngine:
         """Build a new world and run its first steps; see `Engine`."""
         if self._release is not None:
             self._release()
-            self._release = None  # no steps in the freed world if building a new one fails
+            self._release = None  # so that a failed build cannot leave the freed world in use
         hangs = len(self.grips) > 0 and len(terrain.ceiling) > 0
         if hangs:
             terrain = hung(terrain, self._body, self.arrays)
@@ -91,7 +91,7 @@ class CompiledEngine:
 
     @property
     def addresses(self) -> tuple[int, ...]:
-        """Addresses and sizes of the memory, for `_step_worlds`."""
+        """Addresses and sizes of the memory's two vectors, for `_step_worlds`."""
         if self._release is None:
             raise RuntimeError("this engine has no world yet: call reset first")
         return self._addresses
@@ -183,7 +183,7 @@ def _step_row(board: Integers, row: int) -> None:
 
 @partial(kernel, nogil=True)
 def _serve(board: Integers, lock: int, thread: int) -> None:
-    """Main function of a thread, which steps worlds of every call until `END` is set on the board."""
+    """Main loop of a thread: step worlds of every call until `END` is set on the `board`."""
     while board[END] == 0:
         _work(board, thread)
         polls = 0

@@ -179,7 +179,7 @@ def world_in(floats: Floats, integers: Integers) -> tuple[World, Integers]:
 
 @kernel
 def drive(simulation: SimulationState, share: float) -> None:
-    """Set the motors' target speeds and largest torques, multiplied by `share`."""
+    """Set the motors' target speeds, and their largest torques times `share`."""
     for joint in range(len(simulation.commands)):
         motor = simulation.handles[1 + len(simulation.state) + joint]
         # Chipmunk's rate is the speed of the first part relative to the second

@@ -20,7 +20,7 @@ from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
 from pymunk import _chipmunk
 
-MACHINES = ("x86_64", "amd64", "aarch64", "arm64")  # machines with these calling conventions
+MACHINES = ("x86_64", "amd64", "aarch64", "arm64")  # values of `platform.machine()` for x86-64 and AArch64
 
 STRUCT_SIZES = {
     "cpVect": 16,
@@ -62,7 +62,7 @@ def _function(name: str, result: types.Type, *arguments: types.Type) -> Any:
 
 
 def _vector_of(name: str) -> Any:
-    """Return the C function `name`, which returns a cpVect, as a function from a pointer to (x, y)."""
+    """Wrap the C function `name`, from a pointer to a cpVect, as a function that returns (x, y)."""
     _NAMES.append(name)
 
     @intrinsic

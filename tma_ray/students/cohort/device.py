@@ -26,15 +26,15 @@ def empty(shape: tuple[int, ...], dtype: torch.dtype, device: torch.device) -> t
 
 
 def upload(values: NDArray[Any], device: torch.device) -> torch.Tensor:
-    """Return `values` on `device`; on a CPU, the tensor may share their memory."""
+    """Return `values` as a tensor on `device`; on a CPU, it may share their memory."""
     tensor = torch.from_numpy(np.ascontiguousarray(values))
     if device.type == "cpu":
         return tensor
-    return tensor.pin_memory().to(device, non_blocking=True)  # torch keeps pinned memory until it is read
+    return tensor.pin_memory().to(device, non_blocking=True)  # torch keeps the pinned memory until copied
 
 
 def keep_pages() -> None:
-    """Make glibc keep freed memory, since getting new pages takes a fifth of an update's time."""
+    """Make glibc keep freed memory, since requesting new pages takes a fifth of an update's time."""
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
     if mallopt is not None:
         mallopt(_TRIM_THRESHOLD, 2**31 - 1)
@@ -49,7 +49,10 @@ MOST_SHAPES = 128  # largest number of shapes for which torch compiles a functio
 
 @contextmanager
 def precision(chosen: MatmulPrecision) -> Iterator[None]:
-    """Context that sets torch's matmul precision for float32 (casts to bfloat16 are explicit)."""
+    """Context manager that sets torch's float32 matmul precision.
+
+    For `MatmulPrecision.MEDIUM`, learners cast hidden layers to bfloat16 themselves.
+    """
     previous = torch.get_float32_matmul_precision()
     torch.set_float32_matmul_precision("high" if chosen == MatmulPrecision.HIGH else "highest")
     try:
@@ -59,7 +62,7 @@ def precision(chosen: MatmulPrecision) -> Iterator[None]:
 
 
 def hidden_type(chosen: MatmulPrecision, dtype: torch.dtype) -> torch.dtype:
-    """Return the data type of hidden layers for parameters of `dtype`."""
+    """Return the data type of hidden layers at the `chosen` precision, for parameters of `dtype`."""
     return torch.bfloat16 if chosen == MatmulPrecision.MEDIUM else dtype
 
 
@@ -128,7 +131,7 @@ _KEY_STEPS = 0x9E3779B9, 0xBB67AE85
 
 
 class Purpose(IntEnum):
-    """Purposes of random numbers, with one independent stream per purpose."""
+    """Purpose of random numbers; each purpose has its own independent stream."""
 
     BATCH = 0  # indices of a batch
     NOISE = 1  # noise of actions in updates
@@ -140,7 +143,7 @@ def words_of(number: int) -> tuple[int, int]:
 
 
 def philox(counters: tuple[torch.Tensor, ...], keys: tuple[torch.Tensor, torch.Tensor]) -> torch.Tensor:
-    """Return four random 32-bit words (..., 4) per counter, by the generator Philox4x32-10.
+    """Return four random 32-bit words (..., 4) per counter, from the Philox4x32-10 generator.
 
     Args:
         counters: four words of the counters, least significant first, that broadcast to (...).
@@ -156,10 +159,10 @@ def philox(counters: tuple[torch.Tensor, ...], keys: tuple[torch.Tensor, torch.T
 
 
 def words(keys: torch.Tensor, numbers: torch.Tensor, purpose: Purpose, count: int) -> torch.Tensor:
-    """Return random words (k, count) for the updates `numbers` (k,) of the runs with `keys` (k, 2)."""
+    """Return random words (k, count) of k runs, keyed by `keys` (k, 2) and their update `numbers` (k,)."""
     blocks = torch.arange(-(-count // 4), device=keys.device)
     low, high = (numbers & _WORD)[:, None], (numbers >> 32 & _WORD)[:, None]
-    # as the second word, since torch.compile would multiply block numbers as 32-bit integers
+    # block numbers are the second word, since torch.compile would multiply them as 32-bit integers
     counters = low, blocks, high, torch.full_like(low, int(purpose))
     return philox(counters, (keys[:, :1], keys[:, 1:])).flatten(1)[:, :count]
 
@@ -173,7 +176,7 @@ def integers_below(limits: torch.Tensor, drawn: torch.Tensor) -> torch.Tensor:
 
 
 def standard_normals(drawn: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
-    """Map random words `drawn` (k, n), n even, to standard normal numbers (k, n) (Box and Muller)."""
+    """Map random words `drawn` (k, n), n even, to standard normal numbers (k, n) (Box-Muller transform)."""
     halves = drawn.view(len(drawn), -1, 2).to(dtype)
     radii = (-2 * ((halves[..., 0] + 1) * 2.0**-32).log()).sqrt()
     angles = halves[..., 1] * (2 * math.pi * 2.0**-32)

@@ -14,12 +14,12 @@ from tma_ray.students.hyperparameters import MatmulPrecision
 
 
 def batching_is_faster(device: torch.device, precision: MatmulPrecision, compiled: bool | str) -> bool:
-    """Return True if batched matrix products are faster than one per run (all but eager float32 on a CPU)."""
+    """Return True if one batched matrix product beats one per run: always but in eager float32 on a CPU."""
     return device.type != "cpu" or bool(compiled) or precision == MatmulPrecision.MEDIUM
 
 
 class StackedLearner(ABC):
-    """Learner of many runs, one per slot; a run's results do not depend on the others, bit for bit.
+    """Learner of many runs, one per slot; a run's results are the same, bit for bit, whatever the others.
 
     An update trains all runs with updates due, at the full width: idle slots take part in the products
     without changing. Where that does not pay, runs are updated one after the other.
@@ -90,7 +90,7 @@ class StackedLearner(ABC):
         return memory.detach().index_select(0, rows).index_select(1, columns)
 
     def _write(self, slot: int, networks: Sequence[Any]) -> None:
-        """Load a run's unpadded arrays and its counters into a slot."""
+        """Load a run's `networks`, unpadded arrays followed by counters, into `slot`."""
         stacks, counters = self._parameter_groups(), self._counters()
         for (memory, columns), values in zip(stacks, networks[: len(stacks)], strict=True):
             memory.detach()[slot][..., columns] = upload(values, self._device).to(self._dtype)
@@ -98,7 +98,7 @@ class StackedLearner(ABC):
             counts[slot].fill_(number)
 
     def _read(self, slot: int) -> list[Any]:
-        """Return a slot's arrays and counters in the form that `_write` loads."""
+        """Return the arrays and counters in `slot`, in the form that `_write` loads."""
         arrays = [
             memory.detach()[slot][..., columns].cpu().numpy() for memory, columns in self._parameter_groups()
         ]
@@ -110,7 +110,7 @@ class StackedLearner(ABC):
 
     @abstractmethod
     def _parameter_groups(self) -> list[tuple[torch.Tensor, torch.Tensor]]:
-        """Return the tensors (k, ..., p) of parameters with their unpadded columns, the actor's first."""
+        """Return each parameter tensor (k, ..., p) with its unpadded column indices, the actor's first."""
 
     @abstractmethod
     def metrics(self, slot: int) -> dict[str, float]:
@@ -122,7 +122,7 @@ class StackedLearner(ABC):
 
     @abstractmethod
     def _row(self, slot: int) -> Self:
-        """Return a learner of only the run in `slot` that shares this learner's memory."""
+        """Return a view of this learner, sharing its memory, restricted to the run in `slot`."""
 
     @abstractmethod
     def _advance_once(self) -> None:
@@ -141,5 +141,5 @@ def narrowed(owner: OwnerT, slot: int, *names: str) -> OwnerT:
 
 
 def leaf(parameters: torch.Tensor, slot: int) -> torch.Tensor:
-    """Return a slot's row (1, ...) as a leaf tensor of autograd that shares its memory."""
+    """Return the row (1, ...) of `slot` as an autograd leaf that shares the memory of `parameters`."""
     return parameters.detach()[slot : slot + 1].requires_grad_()

@@ -16,7 +16,7 @@ HIDDEN_MULTIPLE = 16
 
 
 class PaddedLayout(NamedTuple):
-    """Layout of a network, without padding and with padded inputs and hidden layers."""
+    """Layouts of a network: plain, and with padded inputs and hidden layers."""
 
     plain: Layout
     padded: Layout
@@ -90,7 +90,7 @@ def twin_pass(
 
 
 class _PassByRows(torch.autograd.Function):
-    """Autograd function that differentiates by the inputs only and skips rows without a gradient.
+    """Autograd function with gradients for the inputs only, skipping rows whose gradient is zero.
 
     The minimum over a pair of critics gives each a gradient in about half of the rows.
     """
@@ -147,7 +147,7 @@ class StackedAdam:
         write_masked(self._parameters, self._parameters - change, mask)
 
     def row(self, slot: int, parameters: torch.Tensor) -> "RowAdam":
-        """Return an optimiser of only the run in `slot` that shares this one's memory.
+        """Return a view of this optimiser, sharing its memory, restricted to the run in `slot`.
 
         `parameters` (1, ..., p) are the row of that slot as a leaf of autograd.
         """
@@ -157,7 +157,7 @@ class StackedAdam:
 
 
 class RowAdam(StackedAdam):
-    """Adam for one run of a stack, with torch's fused kernel, six times as fast on a CPU."""
+    """Adam for one run of a stack, with torch's fused kernel, which is six times as fast on a CPU."""
 
     def __init__(
         self, optimiser: torch.optim.Adam, parameters: torch.Tensor, mean: torch.Tensor, square: torch.Tensor

@@ -80,7 +80,7 @@ class StackedPPO(StackedLearner):
         self._sums = like.new_zeros(width, len(METRICS))
 
     def join(self, slot: int, networks: PPONetworks) -> None:
-        """Assign the free `slot` to a run with these `networks`."""
+        """Assign the free `slot` to a new run that starts from `networks`."""
         self.leave(slot)
         self._write(slot, networks)
 
@@ -90,7 +90,7 @@ class StackedPPO(StackedLearner):
             memory[slot].zero_()
 
     def store(self, slot: int, columns: Sequence[NDArray[np.float32]], orders: NDArray[np.integer]) -> None:
-        """Store a rollout's `columns` and random `orders` (epochs, n), and make the run's updates due."""
+        """Store a rollout's `columns` and shuffled `orders` (epochs, n), and make the updates on it due."""
         assert not self.owed[slot]
         rows = np.concatenate([column.reshape(len(column), -1) for column in columns], axis=1)
         self._memory[slot].copy_(upload(rows, self._device))
@@ -100,11 +100,11 @@ class StackedPPO(StackedLearner):
         self.owe(slot, orders.size // self._hyper.batch_size)
 
     def networks(self, slot: int) -> PPONetworks:
-        """Return the networks of the run in `slot`."""
+        """Return the learned state of the run in `slot`."""
         return PPONetworks._make(self._read(slot))
 
     def metrics(self, slot: int) -> dict[str, float]:
-        """Return mean metrics of the updates on the last rollout of the run in `slot`."""
+        """Return the metrics of the run in `slot`, averaged over the updates on its last rollout."""
         means = (self._sums[slot] / self._positions[slot].clamp(min=1)).tolist()
         return dict(zip(METRICS, means, strict=True))
 
@@ -164,7 +164,7 @@ class StackedPPO(StackedLearner):
 
     @torch.no_grad()
     def _learn_alone(self, batch: Steps, active: torch.Tensor) -> torch.Tensor:
-        """Update a single run once, with the forward and backward pass of a student outside a cohort."""
+        """Update a single run once, with the same forward and backward pass as a student outside a cohort."""
         kept = self._network.activations(self._layout.inputs(batch.observations[0]))
         terms = losses(kept[-1][None], self._values[:, self._log_std], batch, self._hyper)
         self._network.backpropagate(kept, terms.outputs_gradient[0])

@@ -13,10 +13,10 @@ from tma_ray.students.sac import Transitions
 
 
 class _Track:
-    """Rows of one run's stored transitions; transitions and rows are numbered from when it joined."""
+    """Rows that hold one run's transitions; both are numbered consecutively from when the run joined."""
 
     def __init__(self) -> None:
-        self.count, self.tail = 0, 0  # numbers of transitions and rows so far
+        self.count, self.tail = 0, 0  # how many transitions and rows so far
         self.pieces: deque[tuple[int, int, int]] = deque()
         """First transition, first row, and number of transitions of each stored piece."""
 
@@ -30,7 +30,7 @@ class _Track:
 
 
 class StackedReplay:
-    """Ring buffers of k runs, in which a transition's next observation is stored in the next row.
+    """Ring buffers of k runs; a transition's next observation is stored in the following row.
 
     An episode of n transitions takes n + 1 rows. If short episodes exceed the spare rows, the memory of
     all runs is reallocated. On a CPU, memory is allocated as it fills.
@@ -67,7 +67,7 @@ class StackedReplay:
         rewards: NDArray[np.float32],
         terminated: bool,
     ) -> None:
-        """Append transitions, as in `ReplayBuffer.extend`, to the run in `slot`."""
+        """Append consecutive transitions to the buffer of the run in `slot`, as in `ReplayBuffer.extend`."""
         length, stored = len(rewards), min(len(rewards), self._capacity)
         if not length:
             return
@@ -123,7 +123,7 @@ class StackedReplay:
         return Transitions(before[..., : self._o], actions, after[..., : self._o], terminated, rewards)
 
     def _write(self, memory: torch.Tensor, start: int, values: torch.Tensor) -> None:
-        """Write `values` to the ring `memory` from the unwrapped index `start` on."""
+        """Write `values` to the ring buffer `memory`, from the index `start` modulo its length."""
         start %= len(memory)
         fits = min(len(values), len(memory) - start)
         memory[start : start + fits].copy_(values[:fits])

@@ -90,7 +90,10 @@ class StackedSAC(StackedLearner):
         return [self._draw, self._critic_losses, self._actor_losses, self._step_critics, self._step_actor]
 
     def join(self, slot: int, networks: SACNetworks, key: int) -> None:
-        """Assign the free `slot` to a run with an empty replay and the 64-bit `key` of its random draws."""
+        """Assign the free `slot` to a new run that starts from `networks` and an empty replay buffer.
+
+        The 64-bit `key` identifies the run's random draws.
+        """
         self.leave(slot)
         self._write(slot, networks)
         for word, half in enumerate(words_of(key)):
@@ -109,7 +112,7 @@ class StackedSAC(StackedLearner):
         rewards: NDArray[np.float32],
         terminated: bool,
     ) -> None:
-        """Add consecutive transitions to the replay of `slot`, as in `StackedReplay.store`."""
+        """Append consecutive transitions to the replay buffer of the run in `slot`."""
         moves = self._replay.moves
         self._replay.store(slot, observations, actions, rewards, terminated)
         if self._replay.moves != moves:  # captured graphs would refer to freed memory
@@ -117,7 +120,7 @@ class StackedSAC(StackedLearner):
             self._rows.clear()
 
     def networks(self, slot: int) -> SACNetworks:
-        """Return the networks of the run in `slot`."""
+        """Return the learned state of the run in `slot`."""
         return SACNetworks._make(self._read(slot))
 
     def values(
@@ -171,7 +174,7 @@ class StackedSAC(StackedLearner):
         self._owed.sub_(active.long())
 
     def _draw(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Return random ring indices (k, n), noise and next noise (k, n, a), and active runs (k,)."""
+        """Return ring indices (k, n), noise and next noise (k, n, a), and a mask of active runs (k,)."""
         batch, action = self._hyper.batch_size, self._action_size
         drawn = words(self._keys, self._numbers, Purpose.BATCH, batch)
         ring = self._replay.newest(integers_below(self._replay.kept, drawn))

@@ -19,7 +19,7 @@ from tma_ray.students.rollout_workers.link import CohortSettings, SharedBuffer
 
 
 def recorded_event() -> torch.cuda.Event:
-    """Return an event recorded on the GPU's stream, which can be awaited without spinning."""
+    """Record an event on the current CUDA stream, and return it; waiting for it does not spin."""
     event = torch.cuda.Event(blocking=True)  # type: ignore[no-untyped-call]
     event.record()
     return event
@@ -34,7 +34,7 @@ class Delivery(NamedTuple):
 
     @classmethod
     def of(cls, receivers: Sequence[Connection], rows: torch.Tensor) -> "Delivery":
-        """Start copying `rows` (n, ...) to the host."""
+        """Start copying `rows` (n, ...) to the host, one for each of n `receivers`."""
         if rows.device.type != "cuda":
             return cls(receivers, rows.to("cpu"), None)
         memory = torch.empty(rows.shape, dtype=rows.dtype, pin_memory=True)
@@ -44,9 +44,9 @@ class Delivery(NamedTuple):
 
 FILE_THREADS = 2  # number of threads that read and write checkpoints
 MOST_QUEUED = 2  # batches of updates queued on a GPU; more would delay later requests
-MOST_UPDATES = 8  # updates between two polls of requests
-DELIVERY_SECONDS = 0.0005  # time between two polls of pending copies from a GPU, s
-_LATER = object()  # stands for a reply that is sent later
+MOST_UPDATES = 8  # largest number of updates between two polls for requests
+DELIVERY_SECONDS = 0.0005  # time between two polls for finished copies from a GPU, s
+_LATER = object()  # placeholder for a reply that is sent later
 
 
 class LearnerServer:
@@ -84,7 +84,7 @@ class LearnerServer:
         return len(self._slots)
 
     def serve(self, should_stop: Callable[[], bool], poll_seconds: float = 0.5) -> None:
-        """Serve requests until `should_stop` returns True, which is polled every `poll_seconds`.
+        """Serve requests until `should_stop`, polled at least every `poll_seconds`, returns True.
 
         Raises:
             MemoryError: if memory does not suffice for the slots. Workers stay connected, without a reply.
@@ -105,7 +105,7 @@ class LearnerServer:
 
     @contextmanager
     def _clock(self, part: str) -> Iterator[None]:
-        """Context whose duration is added to `part` of the `account`."""
+        """Context manager that adds the time spent inside it to `part` of the `account`."""
         started = time.perf_counter()
         yield
         self.account[part] += time.perf_counter() - started
@@ -157,7 +157,7 @@ class LearnerServer:
     def _run_in_thread(
         self, connection: Connection, work: Callable[[], Any], then: Callable[[Any], Any]
     ) -> Any:
-        """Run `work` in another thread, then reply with `then(result)` from this one."""
+        """Run `work` in another thread, then reply with `then(result)`, called in the server's thread."""
 
         def done(future: Future[Any]) -> None:
             self._done.append((connection, lambda: then(future.result())))

@@ -1,4 +1,4 @@
-"""Slots of runs in stacked learners, and their conversion to and from ordinary students."""
+"""Slots of runs in stacked learners, with conversion from and to ordinary students."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -36,7 +36,7 @@ class RunSlot(ABC):
 
     @abstractmethod
     def learn(self, experience: tuple[Any, ...], updates: int) -> None:
-        """Store experience, and add `updates` to the pending ones."""
+        """Store `experience`, and add `updates` to the pending updates of the run."""
 
     @abstractmethod
     def _enter(self) -> None:
@@ -57,7 +57,7 @@ class RunSlot(ABC):
         return self.weights()
 
     def save(self, folder: Path, state: WorkerState, incremental: bool) -> Callable[[], tuple[str, ...]]:
-        """Return a function that writes the complete state, callable from any thread while the run waits."""
+        """Return a function that writes the complete state; any thread may call it while the run waits."""
         self._copy_back()
         self.student.restore_experience(state.experience)
         for generator, saved in zip(self.student._generators[:2], state.generators[:2], strict=True):
@@ -71,7 +71,7 @@ class RunSlot(ABC):
         return self.weights(), WorkerState(generators, self.student.experience())
 
     def save_policy(self, folder: Path, state: WorkerState) -> None:
-        """Write the greedy policy."""
+        """Write the greedy policy to `folder`."""
         self._copy_back()
         self.student.restore_experience(state.experience)
         self.student.save_policy(folder)
@@ -161,7 +161,7 @@ def _flat(values: NDArray[np.floating]) -> torch.Tensor:
 
 
 class LearnerPool:
-    """Stacked learners of a cohort, one per combination of student, sizes and hyper-parameters."""
+    """Stacked learners of a cohort, one per student, observation and action sizes, and hyper-parameters."""
 
     def __init__(self, settings: CohortSettings) -> None:
         self.settings = settings

@@ -17,9 +17,9 @@ RowArrays: TypeAlias = tuple[FloatArray, IntArray, FloatArray, IntArray, bool]
 
 
 class RowNetwork:
-    """Forward pass for single inputs (i,), with its own copy of the parameters.
+    """Multilayer perceptron for single inputs (i,), with its own copy of the parameters.
 
-    Weights behind inactive ReLUs, about half of them, are skipped.
+    Weights that multiply the zeros of inactive ReLUs, about half of them, are skipped.
     """
 
     def __init__(self, layout: Layout) -> None:

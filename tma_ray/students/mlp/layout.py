@@ -31,12 +31,12 @@ class Layout(NamedTuple):
 
     @property
     def shapes(self) -> list[tuple[int, int]]:
-        """Shape (outputs, inputs) of each weight."""
+        """Shape (outputs, inputs) of each weight matrix."""
         return [(outputs, inputs) for inputs, outputs in itertools.pairwise(self.sizes)]
 
     @property
     def lengths(self) -> list[int]:
-        """Number of parameters of each weight and bias, in order."""
+        """Number of parameters in each weight matrix and bias, in the order of the vector."""
         return [length for outputs, inputs in self.shapes for length in (outputs * inputs, outputs)]
 
     @property

@@ -176,7 +176,7 @@ def input_gradient(
 
 
 def _through(gradient: torch.Tensor, outputs: torch.Tensor, activation: Activation) -> torch.Tensor:
-    """Multiply `gradient` in place by the derivative of the activation at its `outputs`."""
+    """Multiply `gradient` in place by the derivative of `activation`, given the activation's `outputs`."""
     if activation is Activation.TANH:
         torch.ops.aten.tanh_backward.grad_input(gradient, outputs, grad_input=gradient)
     else:
@@ -208,7 +208,7 @@ MODULES: Mapping[Activation, type[nn.Module]] = {Activation.RELU: nn.ReLU, Activ
 
 
 class FlatParameters:
-    """Flat vector with the parameters of modules, which then use views of it.
+    """Parameters of modules in one flat vector, of which the modules then use views.
 
     Attributes:
         parameters: parameters of the modules in the order of the vector.
@@ -257,7 +257,7 @@ class FlatParameters:
     def backpropagate(
         self, kept: Sequence[torch.Tensor], gradient: torch.Tensor, others: Sequence[torch.Tensor] = ()
     ) -> None:
-        """Write the gradients of a single network, given that of its outputs (n, h), and of `others`."""
+        """Write the gradient of the only network, given that at its outputs (n, h), and that of `others`."""
         (network,) = self.networks
         network.backpropagate(kept, gradient)
         self._keep(others)
@@ -278,7 +278,7 @@ def as_modules(parameters: torch.Tensor, layout: Layout) -> list[nn.Module]:
 
 
 class FlatAdam:
-    """Adam on a flat vector, which shares its state with `optimiser`, the one saved in checkpoints."""
+    """Adam on a flat vector; its state is shared with `optimiser`, which checkpoints save."""
 
     def __init__(self, optimiser: torch.optim.Optimizer, flat: FlatParameters) -> None:
         (group,) = optimiser.param_groups

@@ -1,4 +1,4 @@
-"""Base classes of rollout workers and of other students that act with a network, without torch."""
+"""Base classes of students that act with a network, among them rollout workers; none needs torch."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class ActingStudent(Student):
 
     @abstractmethod
     def _start(self) -> None:
-        """Create the state that survives resets (statistics, counters), and memory for experience."""
+        """Create the state kept across resets (statistics, step counts), and the experience buffer."""
 
     def _noise(self) -> NDArray[np.float32]:
         """Return standard normal noise (a,) for an exploring action."""

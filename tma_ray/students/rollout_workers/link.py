@@ -45,11 +45,11 @@ class SharedBuffer:
 
     @classmethod
     def receive(cls, connection: Connection, size: int) -> "SharedBuffer":
-        """Return the buffer sent by `offer` from the other side of a connection."""
+        """Return the buffer of `size` bytes that the other end of `connection` sent with `offer`."""
         return cls(recv_handle(connection), size)
 
     def offer(self, connection: Connection) -> None:
-        """Send this buffer to the other side of a connection."""
+        """Send this buffer to the other end of `connection`."""
         send_handle(connection, self._descriptor, None)
 
     def post(self, values: Iterable[Any]) -> tuple[Any, ...]:

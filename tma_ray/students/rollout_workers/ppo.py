@@ -257,7 +257,7 @@ class PPOActing(ActingStudent):
         return actions
 
     def _value(self, observation: Observations) -> float:
-        """Return the value of an `observation` (o,), for normalised rewards."""
+        """Return the value of `observation` (o,), in units of normalised rewards."""
         return float(self._acting.row(self.normaliser.normalise(observation))[-1])
 
     def experience(self) -> dict[str, Any]:
@@ -286,7 +286,7 @@ class PPORolloutWorker(PPOActing, RolloutWorker):
             self._greedy = ArrayNetwork(self._acting.layout, self._low.size)
 
     def _load_weights(self, weights: Weights) -> None:
-        """Load the network's parameters, followed by the log standard deviation (a,)."""
+        """Load `weights`: the network's parameters, followed by the log standard deviation (a,)."""
         count = self._low.size
         parameters = weights[:-count]
         self._acting.load(parameters)

@@ -1,7 +1,7 @@
 """Students made from any stable-baselines3 or sb3-contrib algorithm for continuous actions.
 
-Acting and updating are the library's, the loop, buffers, randomness and files ours. Nothing is normalised, as
-in the algorithm's `learn`.
+Acting and updating are the library's; the loop, buffers, randomness and files are ours. Nothing is
+normalised, as in the algorithm's `learn`.
 """
 
 import copy
@@ -143,7 +143,7 @@ def acting_tensors(model: BaseAlgorithm) -> dict[str, torch.Tensor]:
 
 @contextmanager
 def _bounded() -> Iterator[None]:
-    """Context in which networks with more than `MOST_PARAMETERS` parameters raise a ValueError."""
+    """Context manager in which building networks of over `MOST_PARAMETERS` parameters raises a ValueError."""
     count = 0
 
     def weigh(_module: nn.Module, _name: str, parameter: nn.Parameter | None) -> None:
@@ -176,7 +176,7 @@ def student_of(name: str) -> type[Student]:
 
 
 def as_student(algorithm: type[BaseAlgorithm]) -> type[Student]:
-    """Return a student class for an algorithm for continuous actions, possibly your own.
+    """Return a student class that wraps `algorithm`, which acts in continuous spaces and may be your own.
 
     Its hyper-parameters are the constructor's arguments, with those of base constructors that it passes
     ``**keywords`` to.
@@ -192,7 +192,7 @@ def as_student(algorithm: type[BaseAlgorithm]) -> type[Student]:
 
 
 class AlgorithmStudent(StableBaselinesStudent[Any, Any]):
-    """Base class of on-policy and off-policy students.
+    """Base class of `OnPolicyStudent` and `OffPolicyStudent`.
 
     Attributes:
         algorithm: class of the model.
@@ -244,7 +244,7 @@ class AlgorithmStudent(StableBaselinesStudent[Any, Any]):
             hyperparameters: Any = cls.hyperparameters_type(**values)
             model: Any = make_model(cls.algorithm, *boxes, hyperparameters, torch.device("cpu"))
             if isinstance(model, OffPolicyAlgorithm):
-                model.replay_buffer = object()  # type: ignore[assignment]  # it only acts
+                model.replay_buffer = object()  # type: ignore[assignment]  # the model only acts
             with single_precision(), torch.random.fork_rng(), _bounded():  # initial weights are random
                 model._setup_model()
         except Exception as error:  # any error, since the saved values are unchecked
@@ -343,7 +343,7 @@ class OffPolicyStudent(AlgorithmStudent):
         return self._disturbed(actions, rng.standard_normal(shape, dtype=np.float32))
 
     def _disturbed(self, actions: Actions, noise: NDArray[np.float32]) -> Actions:
-        """Return `actions` (..., a) with standard normal `noise`, scaled and clipped to the action space."""
+        """Return `actions` (..., a) plus scaled standard normal `noise`, clipped to the action space."""
         deviation = np.float32(self.hyperparameters.exploration_deviation / 2) * (self._high - self._low)
         disturbed: Actions = np.clip(actions + deviation * noise, self._low, self._high)
         return disturbed

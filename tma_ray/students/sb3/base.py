@@ -21,7 +21,7 @@ from tma_ray.support.import_hacks import skip_dynamo
 
 @contextmanager
 def single_precision() -> Iterator[None]:
-    """Context in which torch's default data type is float32, whatever plug-ins have set."""
+    """Context manager that makes float32 torch's default data type, whatever plug-ins have set."""
     previous = torch.get_default_dtype()
     torch.set_default_dtype(torch.float32)
     try:
@@ -45,7 +45,7 @@ class TorchStream:
 
     @contextmanager
     def active(self) -> Iterator[None]:
-        """Context in which torch draws from this stream, in `single_precision`."""
+        """Context manager in which torch draws from this stream, under `single_precision`."""
         kind = self._gpus[0].type if self._gpus else "cuda"
         with single_precision(), torch.random.fork_rng(self._gpus, device_type=kind):
             torch.set_rng_state(self.state[0])
@@ -91,14 +91,14 @@ class StableBaselinesStudent(ActingStudent, Generic[H, M]):
 
     @abstractmethod
     def _connect(self) -> None:
-        """Connect the cleared buffer, and the network that computes actions, to a new `self.model`."""
+        """Clear the experience buffer, and connect it and the acting network to the new `self.model`."""
 
     @abstractmethod
     def _refresh(self) -> None:
-        """Update copies of the parameters of `self.model`."""
+        """Copy the parameters of `self.model` to the acting networks."""
 
     def _prepare_update(self) -> None:
-        """Create the update of `self.model` after its parameters and optimisers have been replaced."""
+        """Create the object that updates `self.model`, after its parameters or optimisers were replaced."""
 
     @abstractmethod
     def _save_experience(self, folder: Path, incremental: bool, /) -> tuple[dict[str, Any], tuple[str, ...]]:
@@ -159,13 +159,13 @@ class StableBaselinesStudent(ActingStudent, Generic[H, M]):
         self._refresh()
 
     def changed(self, updates: int) -> None:
-        """Set the number of updates, and update copies of parameters that were changed from outside."""
+        """Set the number of updates, and refresh the acting networks after parameters were changed."""
         self.model._n_updates = updates
         self._refresh()
 
     @contextmanager
     def _updating(self) -> Iterator[None]:
-        """Context of an update, with the student's generator and precision; copies are updated at its end."""
+        """Context manager for updates in the student's torch stream and precision; ends with `_refresh`."""
         previous = torch.get_float32_matmul_precision()
         torch.set_float32_matmul_precision(self.hyperparameters.matmul_precision)
         try:
