@@ -359,7 +359,7 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         return self._observations
 
     def _step_after_ends(self, actions: NDArray[np.float32]) -> tuple[Outcome, Flags]:
-        """Reset sub-environments whose episodes are over, and step the rest; return the outcome and their mask."""
+        """Reset sub-environments after their episodes, step the others, and return outcome and mask of these."""
         moved, begun = self._running.copy(), self._ended.copy()
         if self.autoreset_mode is AutoresetMode.DISABLED or not (moved | begun).all():
             over = ", ".join(map(str, self._rows[~moved]))

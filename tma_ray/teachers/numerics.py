@@ -18,7 +18,7 @@ def _libraries() -> ThreadpoolController:
 
 
 def one_thread() -> AbstractContextManager[object]:
-    """Return a context manager that limits numpy's matrix products to one thread, for bitwise reproducibility.
+    """Return a context manager that limits numpy's matrix products to one thread, for exact reproducibility.
 
     Libraries loaded after its first use are not limited: with scipy or scikit-learn, use the slower
     `threadpoolctl.threadpool_limits`.
