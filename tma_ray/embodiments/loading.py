@@ -176,7 +176,7 @@ def with_motor_torque(body: Embodiment, torque: float) -> Embodiment:
 
 SIZE, MOTOR_TORQUE = "size", "motor_torque"
 SURVIVAL = ("steps_survivable_under_water", "steps_survivable_outside_water")
-ENTRIES = ("parts", "joints", "grip_sensors", "repeat")  # fields with lists of sections
+ENTRIES = ("parts", "joints", "grip_sensors", "repeat")  # fields that are lists of sections
 LARGEST_NUMBER = 1e9  # bound on the absolute value of every number in a body's file
 
 _FOLDER = resources.files("tma_ray.embodiments") / "data"

@@ -306,7 +306,7 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         return observations, rewards, terminated, truncated, info
 
     def get_attr(self, name: str) -> tuple[Any, ...]:
-        """Return the values of an attribute of all sub-environments."""
+        """Return the value of an attribute of each sub-environment."""
         return self.call(name)
 
     def set_attr(self, name: str, values: Any) -> None:
@@ -328,7 +328,7 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         self._read_mastery_returns()
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
-        """Return the results of calling a method of all sub-environments, or the values of an attribute."""
+        """Call a method of each sub-environment and return the results, or the values of an attribute."""
         attributes = [environment.get_wrapper_attr(name) for environment in self._environments]
         return tuple(value(*args, **kwargs) if callable(value) else value for value in attributes)
 
@@ -359,7 +359,7 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         return self._observations
 
     def _step_after_ends(self, actions: NDArray[np.float32]) -> tuple[Outcome, Flags]:
-        """Reset sub-environments after their episodes, step the others, and return outcome and mask of these."""
+        """Reset sub-environments whose episodes ended, step the others; return the outcome and their mask."""
         moved, begun = self._running.copy(), self._ended.copy()
         if self.autoreset_mode is AutoresetMode.DISABLED or not (moved | begun).all():
             over = ", ".join(map(str, self._rows[~moved]))

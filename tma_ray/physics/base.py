@@ -9,7 +9,7 @@ from tma_ray.embodiments import Embodiment
 from tma_ray.physics.rules import StepArrays
 from tma_ray.terrain import Terrain
 
-PHYSICS_VERSION = 3  # part of each run's identity; raised by every change to trajectories
+PHYSICS_VERSION = 3  # part of each run's identity; increased by every change to trajectories
 
 TIME_STEP = 1 / 50  # time between two actions, in s
 GRAVITY = -10.0  # in m/s²

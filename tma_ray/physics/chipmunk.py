@@ -112,7 +112,7 @@ def _closed(body: BodyArrays, settings: SolverSettings) -> BodyArrays:
         space.add(
             pymunk.Poly(space.static_body, [(-100.0, -10.0), (100.0, -10.0), (100.0, 0.0), (-100.0, 0.0)])
         )
-        for _ in range(2):  # positions move by the corrections one step later
+        for _ in range(2):  # the corrections change positions one step later
             space.step(TIME_STEP)
         body = _posed(body, parts)
     return body

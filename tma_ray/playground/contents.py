@@ -70,7 +70,7 @@ def body_record(body: Embodiment, environment: str) -> dict[str, Any]:
 
 
 def variants(name: str) -> list[str]:
-    """Return the names of a body in all sizes of the page, its own size first."""
+    """Return the names of a body in all sizes that the page offers, its own size first."""
     return [name, *(f"{name}:size={size}" for size in BODY_SIZES)]
 
 

@@ -29,7 +29,7 @@ SOURCES: Final = Path(__file__).parent / "page"
 WASM: Final = Path(__file__).parent / "engine.wasm"  # built by docs/making/engine_building.py
 SCRIPTS: Final = ("engine.js", "worlds.js", "drawing.js", "play.js")
 
-RANDOM, ZERO = -2, -1  # indices from the end of the page's list, after the trained policies
+RANDOM, ZERO = -2, -1  # indices of the untrained policies, from the end of the page's list
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Start:
 
     environment: str = "stump_tracks"  # name of the environment
     embodiment: str = "classic_bipedal"  # name of the body, including its parameters
-    policies: tuple[int, ...] = (RANDOM,)  # indices into the list of policies, RANDOM or ZERO
+    policies: tuple[int, ...] = (RANDOM,)  # indices of trained policies, or RANDOM or ZERO
     task: tuple[float, ...] | None = None  # task (d,); None for the middle of the space
     seed: int = 0  # seed of the page's worlds
 

@@ -186,7 +186,7 @@ class StudentStreams(NamedTuple):
 
     @classmethod
     def of(cls, seed: np.random.SeedSequence) -> StudentStreams:
-        """Return the seeds spawned from `seed`, without changing it."""
+        """Spawn one seed per purpose from `seed`, without changing it."""
         return cls(*_children(seed, len(cls._fields)))
 
 

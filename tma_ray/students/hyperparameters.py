@@ -11,7 +11,7 @@ from tma_ray.support.validation import check_at_least, check_positive, check_sha
 
 
 class MatmulPrecision(StrEnum):
-    """Precision of torch's products of float32 matrices during updates.
+    """Precision of torch's float32 matrix products during updates.
 
     Attributes:
         HIGHEST: float32 throughout.

@@ -19,7 +19,7 @@ from tma_ray.support.decoding import DamagedFileError, decode_json, read_file
 
 ContentT = TypeVar("ContentT")
 
-FORMAT_VERSION: Final = 1  # raised when names or meanings of saved values change
+FORMAT_VERSION: Final = 1  # increased when names or meanings of saved values change
 
 POLICY_FILE: Final = "policy.json"
 TENSORS_FILE: Final = "policy.safetensors"
@@ -167,7 +167,7 @@ def read_policy(folder: Path, student: str) -> StoredPolicy:
         stored = parse_tensors(_bytes(path))
     except (SafetensorError, KeyError, TypeError) as error:  # KeyError for a type that numpy lacks
         raise PolicyFileError(path, f"no sound safetensors file ({error}); {_ADVICE}") from error
-    tensors = {  # copied to be aligned and writable; releases store float16
+    tensors = {  # copied to be aligned and writable; released policies store float16
         name: np.array(tensor, np.float32 if tensor.dtype == np.float16 else tensor.dtype)
         for name, tensor in stored.items()
     }

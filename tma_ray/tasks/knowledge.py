@@ -96,7 +96,7 @@ class TestSet:
         return text.getvalue()
 
     def check(self, domain: TaskSpace) -> None:
-        """Check that all tasks are in the valid domain of an environment.
+        """Check that all tasks are in `domain`, the valid domain of an environment.
 
         Raises:
             ValueError: if dimensions differ, or a task is outside.

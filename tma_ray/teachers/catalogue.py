@@ -47,7 +47,7 @@ def register_teacher(name: str) -> Callable[[TeacherType], TeacherType]:
 
 
 def make_teacher(name: str, hyperparameters: Mapping[str, Any] | None = None) -> Teacher:
-    """Return a new teacher, not yet started.
+    """Return a new teacher called `name`, not yet started.
 
     Args:
         name: registered name or ``module:Name``, with optional hyper-parameters
@@ -86,7 +86,7 @@ def knows_enough(teacher: type[Teacher], level: KnowledgeLevel) -> bool:
 
 
 def check_limits(teacher: type[Teacher], name: str, space: TaskSpace) -> None:
-    """Check that `teacher` supports a task space.
+    """Check that `teacher` supports the task space `space`.
 
     Raises:
         ValueError: if it has too many dimensions, a constant one, or a single task.

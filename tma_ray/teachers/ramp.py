@@ -48,7 +48,7 @@ class Ramp(DistributionTeacher):
         self._log()
 
     def draw(self, rng: np.random.Generator, count: int) -> Task:
-        """Return `count` tasks (count, d) of the current Gaussian, clipped to the space."""
+        """Return `count` tasks (count, d) drawn from the current Gaussian, clipped to the space."""
         return self._gaussian().sample(self.space, rng, count)
 
     def observe(self, episode: Episode) -> None:

@@ -212,7 +212,7 @@ class SPDL(DistributionTeacher):
         self._log({})
 
     def draw(self, rng: np.random.Generator, count: int) -> Task:
-        """Return `count` tasks (count, d) of the current Gaussian, clipped to the space."""
+        """Return `count` tasks (count, d) drawn from the current Gaussian, clipped to the space."""
         return self._box.denormalise(self.distribution_.draw(rng, count))
 
     def observe(self, episode: Episode) -> Query | None:

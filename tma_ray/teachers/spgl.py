@@ -16,7 +16,7 @@ RIDGE = 1.0  # weight, in episodes, of the prior that returns do not depend on t
 
 
 def quadratic_fit(points: Array, returns: Array) -> tuple[Array, Array]:
-    """Return the gradient (f,) and Hessian (f, f) at 0 of a quadratic ridge regression.
+    """Return the gradient (f,) and Hessian (f, f) at 0 of a quadratic fitted by ridge regression.
 
     Args:
         points: points (n, f), in coordinates of unit scale.

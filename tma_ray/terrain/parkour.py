@@ -262,7 +262,7 @@ def _lay_out(ground: Floats, ceiling: Floats) -> tuple[Floats, Floats, Floats]:
 def _fill_column(
     corners: Floats, left: float, right: float, low: tuple[float, float], high: tuple[float, float]
 ) -> None:
-    """Write the corners (4, 2) of a solid with two vertical sides, which extend from `low` to `high`."""
+    """Write the corners (4, 2) of a solid whose vertical sides extend from `low` to `high`."""
     corners[0, 0], corners[0, 1] = left, low[0]
     corners[1, 0], corners[1, 1] = right, low[1]
     corners[2, 0], corners[2, 1] = right, high[1]

@@ -84,7 +84,7 @@ def _lay_out(heights: Floats, spacing: float) -> tuple[Floats, Floats]:
 
 @kernel
 def _fill_box(corners: Floats, left: float, right: float, top: float) -> None:
-    """Write the corners (4, 2) of a rectangular solid, which extends to DEPTH below the ground."""
+    """Write the corners (4, 2) of a rectangular solid that extends to DEPTH below the ground."""
     bottom = GROUND_HEIGHT - DEPTH
     corners[0, 0], corners[0, 1] = left, bottom
     corners[1, 0], corners[1, 1] = right, bottom

@@ -52,7 +52,7 @@ class PlaySettings:
 
 
 def play(settings: PlaySettings, output: Path | None = None) -> Path:
-    """Write the playground to `output`, or open it from a temporary file in a browser, and return the file.
+    """Write the playground to `output`, or to a temporary file opened in a browser; return the path.
 
     Raises:
         ValueError: if a policy is unknown, unsupported or unfit for the body, or the environment or the task

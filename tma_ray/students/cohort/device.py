@@ -77,7 +77,7 @@ def compile_if(mode: bool | str, function: Callable[..., Any]) -> Callable[..., 
 
 
 class Repeated:
-    """Function executed many times on the same memory, on a GPU as a CUDA graph.
+    """Function that is executed many times on the same memory; on a GPU, as a CUDA graph.
 
     It must not depend on values in host memory.
     """
@@ -99,7 +99,7 @@ class Repeated:
                 self._function()
 
     def forget(self) -> None:
-        """Discard the captured graph, as needed when the function's memory has moved."""
+        """Discard the captured graph; required when the function's memory has moved."""
         self._graph = None
 
     @property

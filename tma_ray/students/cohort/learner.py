@@ -14,12 +14,12 @@ from tma_ray.students.hyperparameters import MatmulPrecision
 
 
 def batching_is_faster(device: torch.device, precision: MatmulPrecision, compiled: bool | str) -> bool:
-    """Return True if one batched matrix product beats one per run: always but in eager float32 on a CPU."""
+    """Return True if batched matrix products pay off, as they do except in eager float32 on a CPU."""
     return device.type != "cpu" or bool(compiled) or precision == MatmulPrecision.MEDIUM
 
 
 class StackedLearner(ABC):
-    """Learner of many runs, one per slot; a run's results are the same, bit for bit, whatever the others.
+    """Learner of many runs, one per slot; each run's results are independent of the others, bit for bit.
 
     An update trains all runs with updates due, at the full width: idle slots take part in the products
     without changing. Where that does not pay, runs are updated one after the other.

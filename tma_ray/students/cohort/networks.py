@@ -16,7 +16,7 @@ HIDDEN_MULTIPLE = 16
 
 
 class PaddedLayout(NamedTuple):
-    """Layouts of a network: plain, and with padded inputs and hidden layers."""
+    """Layout of a network, both plain and with padded inputs and hidden layers."""
 
     plain: Layout
     padded: Layout
@@ -132,7 +132,7 @@ class StackedAdam:
         self._corrections = torch.tensor(_corrections(rate), dtype=parameters.dtype, device=parameters.device)
 
     def step(self, gradient: torch.Tensor, counts: torch.Tensor, active: torch.Tensor) -> None:
-        """Take one step against `gradient` for the `active` runs (k,), leaving all others unchanged.
+        """Take one optimiser step with `gradient` for the `active` runs (k,), leaving all others unchanged.
 
         `counts` are the previous steps of each run (k,).
         """
@@ -167,7 +167,7 @@ class RowAdam(StackedAdam):
         optimiser.state[parameters] = {"step": self._count, "exp_avg": mean, "exp_avg_sq": square}
 
     def step(self, gradient: torch.Tensor, counts: torch.Tensor, active: torch.Tensor) -> None:  # noqa: ARG002
-        """Take one step for the run, as in `StackedAdam.step`."""
+        """Take one optimiser step for the run, as in `StackedAdam.step`."""
         self._count.copy_(counts[0])
         self._parameters.grad = gradient
         take_step(self._optimiser)

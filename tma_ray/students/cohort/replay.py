@@ -13,10 +13,10 @@ from tma_ray.students.sac import Transitions
 
 
 class _Track:
-    """Rows that hold one run's transitions; both are numbered consecutively from when the run joined."""
+    """Rows of one run's stored transitions; rows and transitions are numbered from when the run joined."""
 
     def __init__(self) -> None:
-        self.count, self.tail = 0, 0  # how many transitions and rows so far
+        self.count, self.tail = 0, 0  # numbers of transitions and rows added so far
         self.pieces: deque[tuple[int, int, int]] = deque()
         """First transition, first row, and number of transitions of each stored piece."""
 

@@ -30,7 +30,7 @@ class RowNetwork:
         self._active = np.zeros(max(layout.sizes), dtype=np.int64)
 
     def load(self, parameters: NDArray[np.floating]) -> None:
-        """Copy `parameters` (p,)."""
+        """Load a copy of `parameters` (p,)."""
         start = 0
         for outputs, inputs in self._layout.shapes:
             middle, end = start + outputs * inputs, start + outputs * inputs + outputs
@@ -95,7 +95,7 @@ def apply_row(
 def _add_products(matrix: FloatArray, source: FloatArray, active: IntArray, outputs: FloatArray) -> None:
     """Add `source` (r,) times `matrix` (r, c) to `outputs` (c,), four nonzero rows at a time."""
     count = 0
-    for row in range(len(matrix)):  # without an if, whose branch would be mispredicted
+    for row in range(len(matrix)):  # branchless, since an if would often be mispredicted
         active[count] = row
         count += source[row] != 0
     for k in range(0, count - 3, 4):

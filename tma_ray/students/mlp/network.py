@@ -244,7 +244,7 @@ class FlatParameters:
         self._others_gradient = self.views(self.gradient)[len(self.parameters) - len(others) :]
 
     def views(self, buffer: torch.Tensor) -> list[torch.Tensor]:
-        """Return the views of `buffer` (p,) with the shapes of the parameters."""
+        """Return views of `buffer` (p,) with the shapes of the parameters."""
         vectors = torch.split(buffer, [parameter.numel() for parameter in self.parameters])
         return [vector.view_as(like) for vector, like in zip(vectors, self.parameters, strict=True)]
 
@@ -298,7 +298,7 @@ class FlatAdam:
             self._share(float(loaded[flat.parameters[0]]["step"]))
 
     def step(self) -> None:
-        """Take one step against `flat.gradient`."""
+        """Take one optimiser step with `flat.gradient`."""
         if not self._optimiser.state:
             self._share(0.0)
         take_step(self._adam)
@@ -324,7 +324,7 @@ class FlatAdam:
             self._optimiser.state.clear()
 
     def _share(self, steps: float) -> None:
-        """Make the states of both optimisers views of the same memory."""
+        """Set the number of steps, and make the states of both optimisers views of the same memory."""
         self._steps.fill_(steps)
         views = self._flat.views(self._mean), self._flat.views(self._square)
         for parameter, step, mean, square in zip(self._flat.parameters, self._steps, *views, strict=True):

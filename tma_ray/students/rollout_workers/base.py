@@ -30,7 +30,7 @@ class ActingNetwork(Protocol):
 
 
 class ActingStudent(Student):
-    """Base class of students with box spaces, with one random generator per purpose."""
+    """Base class of students with box spaces and one random generator per purpose."""
 
     _acting: ActingNetwork
 
@@ -63,7 +63,7 @@ class ActingStudent(Student):
 
 
 class RolloutWorker(ActingStudent):
-    """Student that sends experience to the learner of a cohort, and acts with the weights returned.
+    """Student that sends experience to the learner of a cohort, and acts with the weights it gets back.
 
     Runs use it like any student: `observe` returns after the updates due. It shares its file format
     with the same student outside a cohort.

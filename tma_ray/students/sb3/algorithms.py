@@ -176,7 +176,7 @@ def student_of(name: str) -> type[Student]:
 
 
 def as_student(algorithm: type[BaseAlgorithm]) -> type[Student]:
-    """Return a student class that wraps `algorithm`, which acts in continuous spaces and may be your own.
+    """Return a student class for `algorithm`, which must support continuous actions and may be your own.
 
     Its hyper-parameters are the constructor's arguments, with those of base constructors that it passes
     ``**keywords`` to.

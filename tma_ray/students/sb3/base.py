@@ -165,7 +165,7 @@ class StableBaselinesStudent(ActingStudent, Generic[H, M]):
 
     @contextmanager
     def _updating(self) -> Iterator[None]:
-        """Context manager for updates in the student's torch stream and precision; ends with `_refresh`."""
+        """Context manager for updates with the student's torch stream and precision; refreshes on exit."""
         previous = torch.get_float32_matmul_precision()
         torch.set_float32_matmul_precision(self.hyperparameters.matmul_precision)
         try:
