@@ -14,14 +14,14 @@ LIBRARY = ("RunsFailedError", "TrainedRun", "run_campaign", "train")
 
 __version__ = "0.1.0"
 
-if is_command(orig_argv):  # commands start at once, and register environments when needed
+if is_command(orig_argv):  # commands register environments only when needed, to start quickly
     expect_early()
 else:
     import_module("tma_ray.envs.registration")
 
 
 def __getattr__(name: str) -> Any:
-    """Import a name of `LIBRARY` on first use, since it loads all dependencies of a run."""
+    """Import a name in `LIBRARY` on first use, since `tma_ray.api` loads all dependencies of a run."""
     if name == "library":  # former name of the module
         return import_module("tma_ray.api")
     if name not in LIBRARY:

@@ -1,4 +1,4 @@
-"""Entry point of ``python -m tma_ray``, which is the command `tma-ray`."""
+"""Entry point of ``python -m tma_ray``, equivalent to the command `tma-ray`."""
 
 import sys
 

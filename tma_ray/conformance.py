@@ -23,7 +23,7 @@ from tma_ray.tasks import Task, TaskSpace
 from tma_ray.testing import TeacherConformance
 from tma_ray.testing.conformance import global_state
 
-STEPS = 200  # number of random steps in a play
+STEPS = 200  # number of steps in a rollout with random actions
 KEPT = 10  # number of observations kept to check that they do not change
 FASTEST = 100.0  # largest plausible head speed in m/s; above it, joints tear the body apart
 
@@ -37,8 +37,8 @@ class BodyConformance:
             body = "hopper.toml"
 
     Attributes:
-        body: name of the embodiment or path of its file, perhaps with parameters.
-        environments: names of its environments.
+        body: name of the embodiment or path of its file, optionally with parameters.
+        environments: names of the environments to test it in.
     """
 
     body: ClassVar[str]
@@ -90,7 +90,7 @@ class BodyConformance:
         assert (still[:steps] != moved[:steps]).any(), f"{self.body}: its motors change nothing"
 
     def _played(self, environment: str, seed: int, scale: float = 1.0) -> list[tuple[Any, float]]:
-        """Return the observations of an episode on the central task, and the speed of the head in m/s."""
+        """Return (observation, head speed in m/s) for each step of a random episode on the central task."""
         made, rng = make_environment(environment, embodiment=self.body), np.random.default_rng(seed)
         task = made.get_wrapper_attr("task_space").centre
         observation, _ = made.reset(seed=seed, options={"task": task})
@@ -113,8 +113,8 @@ class EnvironmentConformance:
             environment = "swing_up:SwingUp"
 
     Attributes:
-        environment: registered name, or ``module:Name``, with options if wanted.
-        options: further options of its constructor.
+        environment: registered name, or ``module:Name``, optionally with options.
+        options: further options for its constructor.
         longest_episode: steps after which every episode must be over.
     """
 
@@ -125,7 +125,7 @@ class EnvironmentConformance:
     def test_gymnasium_accepts_it(self) -> None:
         """Check spaces, types and seeding with Gymnasium's environment checker."""
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # the checker warns of unbounded observations, which are allowed
+            warnings.simplefilter("ignore")  # the checker warns about unbounded boxes, which are allowed
             check_env(gymnasium.Wrapper(self._made()).unwrapped, skip_render_check=True)
 
     def test_its_spaces_suit_students(self) -> None:
@@ -158,7 +158,7 @@ class EnvironmentConformance:
             assert not shared, "info['task'] is the array that reset was given: copy it"
 
     def test_tasks_outside_its_domain_are_refused(self) -> None:
-        """Check that tasks outside the domain, or NaN, raise a ValueError that names the dimension."""
+        """Check that values outside the domain, and NaN, raise a ValueError that names the dimension."""
         made, domain = self._made(), self._spaces()[1]
         for index, name in enumerate(domain.names):
             for value in (domain.low[index] - domain.width[index], np.nan):
@@ -242,7 +242,7 @@ class EnvironmentConformance:
         return made.get_wrapper_attr("task_space"), made.get_wrapper_attr("valid_domain")
 
     def _play(self, made: Environment, seed: int) -> list[bytes]:
-        """Return observations, rewards and episode ends of a play with random actions."""
+        """Return observations, rewards and episode ends of a rollout with random actions."""
         rng = np.random.default_rng(seed)
         seen = [made.reset(seed=seed)[0].tobytes()]
         for _ in range(STEPS):
@@ -288,7 +288,7 @@ class StudentConformance:
             student = "hill_climber:HillClimber"
 
     Attributes:
-        student: registered name, or ``module:Name``, perhaps with hyper-parameters.
+        student: registered name, or ``module:Name``, optionally with hyper-parameters.
         hyperparameters: hyper-parameters for the tests, for instance smaller networks and buffers.
         steps: number of training steps before the checks, enough for several updates.
     """
@@ -315,7 +315,7 @@ class StudentConformance:
         assert all(action.astype(np.float32) in ACTIONS for action in greedy), f"{greedy} leave {ACTIONS}"
 
     def test_the_same_seed_acts_the_same(self) -> None:
-        """Check that equal seeds give equal actions, bit for bit, and another seed gives others."""
+        """Check that equal seeds give bit-identical actions, and different seeds different ones."""
         first, second, other = (_train(self._made(seed), self.steps, 0) for seed in (1, 1, 2))
         np.testing.assert_array_equal(
             first, second, "two students of one seed differ: is all randomness its own?"
@@ -356,7 +356,7 @@ class StudentConformance:
         np.testing.assert_array_equal(_train(asked, self.steps, 1), _train(left_alone, self.steps, 1))
 
     def test_its_policy_is_played_without_it(self) -> None:
-        """Check that a saved policy gives the greedy actions and contains no pickle."""
+        """Check that a saved policy reproduces the greedy actions and contains no pickle."""
         student = self._made()
         _train(student, self.steps, 0)
         with tempfile.TemporaryDirectory() as folder:

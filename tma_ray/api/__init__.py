@@ -129,7 +129,7 @@ def run_campaign(
     Args:
         campaign: campaign to run.
         results: results root.
-        view: display of its progress, None for none.
+        view: display of its progress, None to show nothing.
         options: fields of `CampaignOptions`, such as ``cpus_per_run=2`` and ``address="auto"``.
 
     Raises:

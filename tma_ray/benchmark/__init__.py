@@ -1,4 +1,4 @@
-"""Data of the benchmark: challenges, test sets, experiments, knowledge requirements, the paper's results."""
+"""Data of the benchmark: challenges, test sets, experiments, knowledge requirements and paper results."""
 
 from tma_ray.benchmark.challenges import (
     BENCHMARK_VERSION,

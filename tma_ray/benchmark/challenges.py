@@ -13,8 +13,8 @@ from tma_ray.tasks import TaskSpace, TestSet
 from tma_ray.tasks.spaces import CUTS
 
 BENCHMARK_VERSION: Final = 1
-"""Version of the benchmark, raised with the version of the physics, of the results' schema, or of any
-built-in teacher, student or environment, as a test checks. Runs and releases record it; older runs have 0."""
+"""Version of the benchmark. A test checks that it is raised with the version of the physics, of the results'
+schema, or of any built-in teacher, student or environment. Runs and releases record it; older runs have 0."""
 
 TEST_SETS = Path(__file__).parent / "test_sets"
 
@@ -90,7 +90,7 @@ def _parkour(
     delta: float = 10.0,
     tests: str = "",
 ) -> Challenge:
-    """Return a Parkour challenge; `theta` holds three bounds, `tests` a test set for all bodies."""
+    """Return a Parkour challenge; `theta` has three pairs of bounds, `tests` a test set for all bodies."""
     bounds = {
         **dict(zip(("theta_1", "theta_2", "theta_3"), theta, strict=True)),
         "water_level": water,

@@ -153,4 +153,4 @@ def _claims() -> Iterator[Claim]:
 
 
 CLAIMS: tuple[Claim, ...] = tuple(_claims())
-"""Claims of section 5 and appendix D."""
+"""Claims in section 5 and appendix D of the paper."""

@@ -25,9 +25,9 @@ class Tier(StrEnum):
     """Tiers of an experiment, in rising order of size."""
 
     SMOKE = "smoke"
-    """Smoke test of some minutes, mostly for starting processes."""
+    """Smoke test of a few minutes, most of which goes into starting processes."""
     LITE = "lite"
-    """Rough comparison in a night on a laptop, with PPO."""
+    """Rough comparison with PPO, overnight on a laptop."""
     PAPER = "paper"
     """The full experiment of the paper."""
 

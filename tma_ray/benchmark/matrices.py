@@ -58,7 +58,7 @@ _GRIDS = _grids()
 
 PPO_GRID = _GRIDS["ppo"]
 TEACHER_GRIDS = {name: grid for name, grid in _GRIDS.items() if name != "ppo"}
-"""Searched grids (paper, appendix on hyper-parameters), those of teachers by name."""
+"""Grids of the paper's searches (appendix on hyper-parameters), for teachers by name."""
 
 
 @dataclass(frozen=True)

@@ -62,7 +62,7 @@ def paper_results() -> tuple[PaperResult, ...]:
 
 
 class Requirement(StrEnum):
-    """Requirement of a teacher for a part of expert knowledge."""
+    """Degree to which a teacher requires a part of expert knowledge."""
 
     REQUIRED = "required"
     OPTIONAL = "optional"

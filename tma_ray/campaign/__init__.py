@@ -1,4 +1,4 @@
-"""Planning, scheduling and execution of campaigns with Ray, which no other package uses.
+"""Planning, scheduling and execution of campaigns with Ray; no other package uses Ray.
 
 Names are imported on first use, since reading a results root needs none of them.
 """

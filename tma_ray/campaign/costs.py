@@ -38,7 +38,7 @@ from tma_ray.support.texts import counted, estimated_duration, hours_text, size_
 SpeedKey = tuple[Any, ...]
 """Properties of a run that determine its speed: environment with options and files, and student."""
 
-DEFAULT_BODY: Final = "classic_bipedal"  # body whose speeds stand for those of bodies missing in the table
+DEFAULT_BODY: Final = "classic_bipedal"  # body whose speeds stand for those of bodies missing from the table
 REFERENCE_ROUNDS: Final = 247.0  # `machine_speed` of the machine on which the table was measured
 
 LEARNER_SPEEDS: Final = {
@@ -54,7 +54,7 @@ student, device and precision, on one core of the table's machine or an H100
 (benchmarks/measured/2026-11.md)."""
 
 PLAYER_SPEEDS: Final = 30_000.0, 20_000.0
-"""Steps per second of a cohort's player on one core of that machine, in training and in evaluations."""
+"""Steps per second of a cohort's player on one core of the same machine, in training and in evaluations."""
 
 MEASURED_SECONDS = 0.6
 """Shortest measurement, s, after a warm-up of half that time."""
@@ -62,10 +62,10 @@ MEASURED_SECONDS = 0.6
 MACHINE_SECONDS: Final = 0.4  # time that `machine_speed` takes, s
 
 SMALLER: Final = {"exploration_steps": 1_000, "learning_starts": 1_000, "buffer_size": 50_000}
-"""Largest values of students' hyper-parameters in a measurement."""
+"""Upper limits on students' hyper-parameters during a measurement."""
 
 CHUNKS: Final = ("steps_per_update", "n_steps", "train_freq")
-"""Hyper-parameters that give the steps between updates, so that whole updates are measured."""
+"""Hyper-parameters for the number of steps between updates, so that whole updates are measured."""
 
 ROUNDS: Final = """
 import sys, time
@@ -102,7 +102,7 @@ class Throughput:
 
 
 SpeedFinder = Callable[[Mapping[SpeedKey, RunSpec], ExecutionConfig, int], Mapping[SpeedKey, Throughput]]
-"""Function of example runs by kind, configuration and number of concurrent runs; returns speeds by kind."""
+"""Function (example runs by kind, configuration, number of concurrent runs) that returns speeds by kind."""
 
 
 def speed_key(spec: RunSpec) -> SpeedKey:
@@ -119,7 +119,7 @@ def label_of(spec: RunSpec) -> str:
 def known_speeds(
     examples: Mapping[SpeedKey, RunSpec], config: ExecutionConfig, at_once: int
 ) -> Mapping[SpeedKey, Throughput]:
-    """Return speeds from the table, scaled to this machine, or measured ones if it lacks them.
+    """Return speeds from the table, scaled to this machine, and measured ones where the table has none.
 
     Raises:
         ValueError: if a measured run fails.
@@ -148,7 +148,7 @@ def known_speeds(
 def measured_speeds(
     examples: Mapping[SpeedKey, RunSpec],
     config: ExecutionConfig,
-    at_once: int = 1,  # noqa: ARG001  # as of a `SpeedFinder`
+    at_once: int = 1,  # noqa: ARG001  # signature of a `SpeedFinder`
 ) -> dict[SpeedKey, Throughput]:
     """Measure the speed of each kind of run on this machine; speeds in cohorts come from `LEARNER_SPEEDS`.
 
@@ -279,10 +279,10 @@ START_SECONDS = 8.0
 RUN_BYTES = 600_000  # size on disk of a run's policy and nearly empty tables (measured)
 
 EVALUATION_BYTES, PROBE_BYTES, STEP_BYTES = 12, 8, 0.04
-"""Size on disk of each played test task, each probed task and each training step."""
+"""Size on disk of each test episode, each probed task and each training step, bytes."""
 
 PROCESS_BYTES, PLAYER_BYTES = 0.9 * GIB, 0.5 * GIB
-"""Memory of a run and its teacher, and of a run in a cohort, without replay buffers, bytes (measured)."""
+"""Memory of a run with its teacher and of a run in a cohort, without replay buffers, bytes (measured)."""
 
 NETWORK_BYTES = 5e6  # size of a run's two checkpoints without a replay buffer (measured)
 
@@ -440,7 +440,7 @@ def _learners_and_cores(config: ExecutionConfig, nodes: Nodes, runs: int) -> tup
 def quote(
     plan: Plan, results: str, config: ExecutionConfig, nodes: Nodes | None, *, whole: bool
 ) -> tuple[Cost | None, Cost | None]:
-    """Return the cost of the whole plan (if `whole`, else None) and its `long_cost`, at equal speeds."""
+    """Return the cost of the whole plan (if `whole`, else None) and its `long_cost`, at the same speeds."""
     cost = estimate(plan, config, nodes=nodes) if whole else None
     return cost, long_cost(plan, results, config, cost.throughputs if cost else None, nodes)
 
@@ -452,7 +452,7 @@ def long_cost(
     speeds: Mapping[SpeedKey, Throughput] | None = None,
     nodes: Nodes | None = None,
 ) -> Cost | None:
-    """Return the cost of the plan's runs missing in `results`, or None if they take at most an hour here.
+    """Return the cost of the plan's runs missing from `results`, or None if it is at most an hour here.
 
     See `estimate` for `speeds` and `nodes`.
 
@@ -472,7 +472,7 @@ def long_cost(
 
 
 def unfinished(plan: Plan, results: str) -> Plan:
-    """Return a plan of the runs not yet done in a results root; see `check_usable` for errors."""
+    """Return `plan` reduced to runs not yet done in a results root; see `check_usable` for errors."""
     store = Store.open(results)
     check_usable(store)
     try:

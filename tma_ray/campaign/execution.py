@@ -50,7 +50,7 @@ def execute_plan(
     address: str | None = None,
     view: ProgressDisplay | None = None,
 ) -> Snapshot:
-    """Execute the runs of `plan` missing in a results root, and return the number of runs by outcome.
+    """Execute the runs of `plan` missing from a results root, and return the number of runs by outcome.
 
     Invalid input is refused before the first step. Without an address, Ray is started on this machine.
 
@@ -205,7 +205,7 @@ def _check_access(store: Store, nodes: Sequence[dict[str, Any]], probe: str | No
 
 
 def can_access(store: Store, probe: str | None) -> bool:
-    """Return True if this node can access the file `probe` of `store`, or, if None, the bucket."""
+    """Return True if this node can access the file `probe` of `store`, or its bucket if `probe` is None."""
     if probe is not None:
         return store.exists(probe)
     store.check_access()

@@ -103,14 +103,14 @@ class Retries:
         return True
 
     def due(self) -> list[RunSpec]:
-        """Remove and return the runs whose pause has ended."""
+        """Remove and return the specs of the runs whose pause has ended."""
         now = self._clock()
         due = [spec for end, spec in self._pausing if end <= now]
         self._pausing = [(end, spec) for end, spec in self._pausing if end > now]
         return due
 
     def losses(self, run_id: str) -> int:
-        """Return the number of losses of a run."""
+        """Return how many times a run has been lost."""
         return len(self._lost_on.get(run_id, ()))
 
     def nodes_to_avoid(self, run_id: str) -> tuple[str, ...]:

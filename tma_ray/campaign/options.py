@@ -41,7 +41,7 @@ from tma_ray.support.quantities import (
 )
 from tma_ray.tasks import KnowledgeLevel
 
-MAX_SEEDS = 100_000  # largest number of seeds of an option
+MAX_SEEDS = 100_000  # largest number of seeds in one option
 OFF = "off"  # value of ``--cohort`` for runs that learn alone
 SCHEDULE = tuple(field.name for field in fields(Schedule))  # names of the schedule's options
 
@@ -228,7 +228,7 @@ class ScheduleOptions:
     training_window: Steps = None
 
     def schedule(self, schedule: Schedule) -> Schedule:
-        """Return `schedule` with the values of these options."""
+        """Return `schedule` updated with the options that are set."""
         options = {name: getattr(self, name) for name in SCHEDULE}
         return replace(schedule, **{name: number for name, number in options.items() if number is not None})
 
@@ -486,7 +486,7 @@ def campaign_defaults(campaign: CampaignSpec) -> dict[str, str]:
 
 
 def chosen_campaign(campaign: CampaignSpec, options: CampaignOptions) -> CampaignSpec:
-    """Return `campaign` with cells of all combinations of the options' values, which replace its own."""
+    """Return `campaign` with its cells' values replaced by those of `options`, in all combinations."""
     choices: dict[str, Sequence[Any] | None] = {
         "environment": (options.environment,) if options.environment else None,
         "challenge": options.challenges,

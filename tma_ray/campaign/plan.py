@@ -21,7 +21,7 @@ from tma_ray.teachers import TEACHERS, knows_enough
 
 @dataclass(frozen=True)
 class Plan:
-    """The runs and cells that a campaign executes.
+    """Runs that a campaign executes, and the cells to which they belong.
 
     Attributes:
         name: name of the campaign.
@@ -122,7 +122,7 @@ def cells_of(
     embodiments: Sequence[str] = ("classic_bipedal",),
     environment: str = "stump_tracks",
 ) -> tuple[Cell, ...]:
-    """Return the cells of a full matrix.
+    """Return the cells of all combinations of the arguments.
 
     Raises:
         TypeError: if a single name is given instead of a sequence.
@@ -224,7 +224,7 @@ def matrix_campaigns(
 def joined_plan(name: str, campaigns: Sequence[CampaignSpec]) -> Plan:
     """Join `campaigns` into the plan of one campaign, with an experiment for each.
 
-    Runs are ordered by seed, then by cell, since partial results can then be compared.
+    Runs are ordered by seed, then by cell, so that partial results can be compared.
 
     Raises:
         ValueError: if a cell cannot run, or there is nothing to run.

@@ -320,7 +320,7 @@ def show_status(root: str | Path, cells: bool = False, console: Console | None =
 
 
 def watch_status(root: str | Path, cells: bool = False, console: Console | None = None) -> NoReturn:
-    """Show the state of a root's campaigns every `REFRESH_SECONDS`, until Ctrl-C."""
+    """Show the state of a root's campaigns, refreshed every `REFRESH_SECONDS`, until Ctrl-C."""
     observer = Observer(root)
     with Live(console=terminal(console), auto_refresh=False) as live:
         while True:
@@ -388,7 +388,7 @@ def _grid(groups: dict[str, list[RunState]]) -> Grid:
 
 
 def _failures(root: str | Path, runs: Sequence[RunState]) -> Iterator[str]:
-    """Yield lines on the distinct errors, most frequent first, and on commands to inspect and repeat runs."""
+    """Yield lines with the distinct errors, most frequent first, and commands to inspect and repeat runs."""
     kinds: dict[str, list[str]] = {}
     for run in runs:
         if run.state == RunStatus.FAILED:

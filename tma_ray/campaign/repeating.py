@@ -18,7 +18,7 @@ from tma_ray.tasks import KnowledgeLevel
 TEACHER_FIELDS = ("teacher", "teacher_hyperparameters", "expert_knowledge", "seed", "repeat")
 """Fields of a spec that may differ between teachers."""
 
-COMPONENT_FIELDS = ("plugins", "algorithm_versions", "inputs")  # fields that map components to entries
+COMPONENT_FIELDS = ("plugins", "algorithm_versions", "inputs")  # fields with entries by component
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ def like_plan(
     challenges: Collection[str] = (),
     seeds: Collection[int] = (),
 ) -> Plan:
-    """Return a plan of runs with `teachers` on a release's cells, with its seeds and settings.
+    """Return a plan that repeats a release's cells, seeds and settings with `teachers`.
 
     Runs are ordered by seed, then by cell.
 

@@ -143,7 +143,7 @@ class Scheduler:
             self._fail(running, f"it was lost {self._retries.losses(loss.run_id)} times, last: {loss.reason}")
 
     def _stop(self) -> None:
-        """Stop all runs with checkpoints, within at most the grace period."""
+        """Stop all runs with checkpoints, waiting for at most the grace period."""
         self._executor.stop()
         deadline = time.monotonic() + self._settings.grace_seconds
         while self._running and time.monotonic() < deadline:

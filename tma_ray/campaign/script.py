@@ -75,8 +75,8 @@ def execute(campaign: CampaignSpec, options: CampaignOptions) -> int:
 def run_plan(plan: Plan, results: str, options: ExecutionOptions, *, show_cost: bool = False) -> int:
     """Print the size of `plan`, run it, and return the same exit code as `Campaign.main`.
 
-    Plans of over an hour on this machine need a confirmation, on a cluster ``--yes``. With `show_cost` the
-    cost of the whole plan is printed.
+    Plans of over an hour need a confirmation on this machine, and ``--yes`` on a cluster. With `show_cost`,
+    the cost of the whole plan is printed.
 
     Raises:
         ValueError: if the address is malformed, or a long plan was not confirmed.
@@ -134,7 +134,7 @@ def confirm(name: str, cost: Cost, *, yes: bool, address: str | None = None) -> 
 
 
 def execute_and_report(plan: Plan, results: str, config: ExecutionConfig, address: str | None) -> int:
-    """Execute `plan`, print the reason of an early end, and return the exit code."""
+    """Execute `plan`, print the reason if it ends early, and return the exit code."""
     from tma_ray.campaign.execution import execute_plan  # imported late, since it imports ray
 
     try:

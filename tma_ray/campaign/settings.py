@@ -38,7 +38,7 @@ class Resources:
     """Resources that one run occupies.
 
     Attributes:
-        cpus: cores, and torch's threads (at least 1).
+        cpus: number of cores, and of torch's threads (at least 1).
         gpus: share of a GPU, or a whole number of GPUs.
         memory_gib: memory in GiB; a SAC run with a full buffer of 2 million transitions takes about 1.
     """
@@ -62,7 +62,7 @@ class Resources:
         return max(1, int(self.cpus))
 
     def fit_into(self, node: Mapping[str, float]) -> int:
-        """Return the number of runs that a node with these resources holds at once."""
+        """Return how many runs with these resources fit on `node` at once."""
         needed = {"CPU": self.cpus, "GPU": self.gpus, "memory": self.memory_gib * GIB}
         return min(int(node.get(name, 0.0) / amount) for name, amount in needed.items() if amount > 0)
 

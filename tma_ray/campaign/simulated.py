@@ -31,7 +31,7 @@ ENVIRONMENT, STUDENT = "stump_tracks", "simulated"
 CAMPAIGN = "simulated"  # name of the campaign of simulated cells
 
 FRACTION = 64
-"""Denominator of the rounded returns; rounding halves the size of a run."""
+"""Denominator to which returns are rounded; rounding halves the size of a run."""
 
 
 class SimulatedRoot:

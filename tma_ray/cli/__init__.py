@@ -16,7 +16,7 @@ from tma_ray.console.exit_codes import RefusedError
 from tma_ray.support.lazy_imports import docstring_of
 
 GARBAGE_OBJECTS: Final = 200_000
-"""Threshold of garbage collection, instead of 700: commands keep the data of thousands of runs, and scanning
+"""Threshold of garbage collection, 700 by default: commands keep the data of thousands of runs, and scanning
 them repeatedly would take a tenth of the time."""
 
 COMMANDS: Mapping[str, str] = {

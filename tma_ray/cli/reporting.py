@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from analysis.tracking.points import Tracker
 
 RELOAD_SECONDS, POLL_SECONDS = 30, 10.0
-"""Interval at which an open watched report reloads itself, and at which results are polled, s."""
+"""Intervals at which the open page of a watched report reloads, and at which results are polled, s."""
 
 MAX_VIDEO_STEPS = 2000  # longest video in steps: the step limit of the benchmark's worlds
 FRAME_STEPS = {".mp4": 3, ".gif": 8}  # environment steps per frame
@@ -70,7 +70,7 @@ def report(
 
 
 def changes(sources: Sequence[str | Path], seconds: float = POLL_SECONDS) -> Iterator[None]:
-    """Yield whenever runs in results roots have published new results, without end.
+    """Yield each time a run in one of `sources` publishes new results; never ends.
 
     Args:
         sources: results roots, or baselines, which do not change.
@@ -89,7 +89,7 @@ def changes(sources: Sequence[str | Path], seconds: float = POLL_SECONDS) -> Ite
 
 
 def _videos(sources: Sequence[str | Path], folder: Path) -> Iterator[Video]:
-    """Render the videos of a report, and print warnings on videos that cannot be rendered."""
+    """Yield the rendered videos of a report, and print warnings about those that cannot be rendered."""
     from importlib.util import find_spec
 
     from analysis.baselines.catalogue import read

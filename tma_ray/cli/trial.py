@@ -169,7 +169,7 @@ class _Trial:
         return bool(ending)
 
     def conclude(self) -> None:
-        """Print the verdict of an ended trial and the next command."""
+        """Print the verdict and the next command if the trial has ended."""
         from analysis.trials.interim import sentence
 
         if not (self.looks and self.looks[-1].ending):

@@ -1,1 +1,1 @@
-"""Components that users name: registry, settings and plug-in source."""
+"""Components that users select by name: registry, settings and plug-in source."""

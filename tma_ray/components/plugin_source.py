@@ -29,7 +29,7 @@ INSTALLED = frozenset({"site-packages", "dist-packages"})  # names of folders th
 class PluginSource:
     """Source code of a plug-in at its first lookup.
 
-    It has the module, its parent packages and, recursively, the modules that they import anywhere, except
+    It contains the module, its parent packages and, recursively, the modules they import anywhere, except
     installed ones, Python's and `PACKAGES`. Code under ``if __name__ == "__main__":`` is excluded, so that a
     script may hold both a teacher and its campaign.
 
@@ -55,7 +55,7 @@ class PluginSource:
 
     @classmethod
     def of(cls, module: str, data_files: Iterable[str] = ()) -> "PluginSource":
-        """Return the source of a module, with the files in its folder that match patterns.
+        """Return the source of a module, with the files in its folder that match patterns in `data_files`.
 
         Raises:
             ValueError: if the module has no file, or a pattern matches none.

@@ -134,7 +134,8 @@ class Registry(Generic[ComponentT]):
     def plugin(self, name: str) -> PluginSource | None:
         """Return a plug-in's source at its first lookup, or None for built-in implementations.
 
-        It includes files that match patterns in its attribute `data_files`, relative to its module.
+        The source includes files that match patterns in the plug-in's attribute `data_files`, relative to
+        its module.
 
         Raises:
             UnknownNameError: if `name` is unknown.
@@ -239,8 +240,8 @@ class Registry(Generic[ComponentT]):
 
 
 @cache
-def _entry_points(path: tuple[str, ...]) -> EntryPoints:  # noqa: ARG001 - part of the key
-    """Return the entry points of the packages on `path`, cached since hundreds of files hold them."""
+def _entry_points(path: tuple[str, ...]) -> EntryPoints:  # noqa: ARG001 - part of the cache key
+    """Return the entry points of the packages on `path`; cached, since hundreds of files are read."""
     return cast("EntryPoints", entry_points())  # the type differs before Python 3.12
 
 
@@ -249,7 +250,7 @@ def _target_of(implementation: object) -> str:
 
 
 def _identity(implementation: object) -> str:
-    """Return the module and name, which are equal for a script and its import by another process."""
+    """Return the module and name, which are the same in a script and in a process that imports it."""
     module = getattr(implementation, "__module__", "?")
     with contextlib.suppress(ValueError):  # raised in interactive sessions
         module = importable_name(module)

@@ -143,7 +143,7 @@ def config_dict(record: Any) -> dict[str, Any]:
     not change run ids.
 
     Raises:
-        ValueError: if an argument is not a field, or a value cannot be JSON.
+        ValueError: if an argument is not a field, or a value has no JSON form.
     """
     later: frozenset[str] = getattr(record, "absent_at_default", frozenset())
     fields = {field.name: field for field in dataclasses.fields(record) if field.init}

@@ -66,7 +66,7 @@ METAVARS: Mapping[str, str] = {
     "GIB": "a size in GiB",
     "VALUE": "a value",
 }
-"""Kinds of values in help texts."""
+"""Kinds of values in help texts, by metavar."""
 
 HELP_COLUMN = 22  # column at which descriptions begin in a help text
 
@@ -222,7 +222,7 @@ def run(
 
 
 def read(app: App, words: Sequence[str]) -> partial[int | None]:
-    """Parse a command line, and return its function, bound to the values.
+    """Parse a command line, and return its function, bound to the parsed values.
 
     Raises:
         UsageError: if a word or option is unknown or missing, or a value is refused.
@@ -239,7 +239,7 @@ def read(app: App, words: Sequence[str]) -> partial[int | None]:
 
 
 def commands(app: App) -> Iterator[tuple[tuple[str, ...], App]]:
-    """Yield the words and the app of `app` itself and, recursively, of its subcommands."""
+    """Yield the command words and the app of `app` itself and, recursively, of its subcommands."""
     yield (), app
     for name in app:
         if not name.startswith("-"):
@@ -248,7 +248,7 @@ def commands(app: App) -> Iterator[tuple[tuple[str, ...], App]]:
 
 
 def arguments(app: App, *, described: bool = False) -> list[Argument]:
-    """Return the arguments and options of a command, without their groups."""
+    """Return the arguments and options of a command, without the dataclasses that group them."""
     collection = app.assemble_argument_collection(parse_docstring=described)
     return [argument for argument in collection if argument.names != ("*",)]
 

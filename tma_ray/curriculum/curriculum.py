@@ -108,7 +108,7 @@ class Curriculum:
         (1,)
     """
 
-    def __init__(  # noqa: PLR0913 - one for each thing that the benchmark's runs have, with its name
+    def __init__(  # noqa: PLR0913 - one argument per setting of the benchmark's runs, under its name
         self,
         teacher: str | type[Teacher] | Teacher,
         space: Space,
@@ -180,18 +180,18 @@ class Curriculum:
     def wrap_vector(
         self, worlds: VectorEnv[Any, Any, Any], apply: Apply | None = None
     ) -> VectorEnv[Any, Any, Any]:
-        """Wrap vector environments of any autoreset mode to play the tasks of the curriculum.
+        """Wrap a vector environment of any autoreset mode to play the tasks of the curriculum.
 
         Args:
-            worlds: worlds of `gymnasium.make_vec` for the benchmark's environments; a `SyncVectorEnv`, whose
-                environments are wrapped in place; or an `AsyncVectorEnv`, which is closed and restarted. With
-                the mode SAME_STEP the benchmark's worlds take the next task before the teacher observes the
-                episode that ends in the step.
+            worlds: vector environment: one of the benchmark's, made with `gymnasium.make_vec`; a
+                `SyncVectorEnv`, whose environments are wrapped in place; or an `AsyncVectorEnv`, which is
+                closed and restarted. In the mode SAME_STEP, the benchmark's environments take the next task
+                before the teacher observes the episode that ends in the step.
             apply: function as for `wrap`.
 
         Raises:
-            TypeError: if the vector environments are of another type: see `shared`.
-            ValueError: if the teacher cannot teach several worlds.
+            TypeError: if the vector environment is of another type; see `shared`.
+            ValueError: if the teacher cannot teach several environments at once.
         """
         if worlds.num_envs > 1 and not self._teacher.overlapping:
             raise ValueError(f"num_envs = {worlds.num_envs}: expected 1, {self._needs_one_world()}")
@@ -261,7 +261,7 @@ class Curriculum:
             self._drain()
 
     def abandon(self, number: int) -> None:
-        """Discard an episode without a report."""
+        """Discard the episode `number` without reporting it."""
         with self._lock:
             self._open.pop(number, None)
 
@@ -298,7 +298,7 @@ class Curriculum:
     ) -> "Curriculum":
         """Load a curriculum written by `save`; it continues bit for bit.
 
-        It is a pickle: load only files that you trust. The functions are not saved; see the class.
+        The file is a pickle: load only files that you trust. The functions are not saved; see the class.
         """
         loaded = cls.__new__(cls)
         vars(loaded).update(pickle.loads((Path(folder) / STATE).read_bytes()))

@@ -54,7 +54,7 @@ class Link(Protocol):
         """Report a finished episode."""
 
     def abandon(self, number: int) -> None:
-        """Discard an episode without a report."""
+        """Discard the episode `number` without reporting it."""
 
     def act(self, observations: Array) -> Array:
         """Return actions (n, a) of the exploring policy for observations (n, o)."""
@@ -145,7 +145,7 @@ def next_assignment(
 
 
 class TaskEvaluation:
-    """Evaluation of tasks in a copy of the training loop's environment, to pass as `evaluate`.
+    """Evaluation of tasks in a copy of the training environment, for the argument `evaluate` of `Curriculum`.
 
     Args:
         make: function that returns a copy of the environment.

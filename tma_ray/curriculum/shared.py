@@ -96,7 +96,7 @@ class SharedCurriculum:
         self._call("end", played)
 
     def abandon(self, number: int) -> None:
-        """Discard an episode without a report."""
+        """Discard the episode `number` without reporting it."""
         self._call("abandon", number)
 
     def act(self, observations: Array) -> Array:

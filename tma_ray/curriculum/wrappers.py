@@ -81,7 +81,7 @@ class CurriculumEnvironment(gymnasium.Wrapper[Any, Any, Any, Any]):
 
 
 class CurriculumWorlds(VectorWrapper):
-    """Worlds of a `VectorEnvironment` that play the tasks of a curriculum; see `wrap_vector`."""
+    """Wrapper of a `VectorEnvironment` that plays the tasks of a curriculum; see `wrap_vector`."""
 
     def __init__(self, env: VectorEnv[Any, Any, Any], link: Link) -> None:
         super().__init__(env)
@@ -111,7 +111,7 @@ class CurriculumWorlds(VectorWrapper):
         return observations, {**info, "trains": self._trains & begun, "_trains": begun.copy()}
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Take a step in every world, and report the episodes that end."""
+        """Take a step in every sub-environment, and report the episodes that end."""
         self._assigned = []
         observations, rewards, terminated, truncated, info = self.env.step(actions)
         mode, begun = self._worlds.autoreset_mode, self._over
@@ -136,7 +136,7 @@ class CurriculumWorlds(VectorWrapper):
         return observations, rewards, terminated, truncated, info
 
     def close(self, **kwargs: Any) -> None:
-        """Close the worlds, and abandon their episodes."""
+        """Close the sub-environments, and abandon their episodes."""
         self._abandon(np.ones(self.num_envs, np.bool_))
         self._spare.close()
         super().close(**kwargs)
@@ -176,7 +176,7 @@ def _made(make: Callable[[], Environment], link: Link, apply: Apply | None) -> C
 def wrap_vector(
     worlds: VectorEnv[Any, Any, Any], link: Link, apply: Apply | None
 ) -> VectorEnv[Any, Any, Any]:
-    """Wrap vector environments to play the tasks of a curriculum; see `Curriculum.wrap_vector`.
+    """Wrap a vector environment to play the tasks of a curriculum; see `Curriculum.wrap_vector`.
 
     Raises:
         TypeError: if the environments cannot be wrapped one by one.

@@ -30,7 +30,8 @@ class Export:
     Attributes:
         folder: folder of the export.
         run_id: id of the run that trained the policy.
-        difference: largest absolute difference between actions of the ONNX file and of the policy, if any.
+        difference: largest absolute difference between actions of the ONNX file and of the policy; None
+            without the file.
     """
 
     folder: Path
@@ -103,7 +104,7 @@ def _check_output(output: Path) -> None:
 
 @contextmanager
 def _unfinished(output: Path) -> Iterator[Path]:
-    """Context manager of a temporary folder that is renamed to `output` unless an error occurs."""
+    """Context manager that yields a temporary folder, renamed to `output` unless an error occurs."""
     output = output.resolve()
     folder = output.with_name(f".{output.name}-{uuid4().hex}")
     folder.mkdir(parents=True)

@@ -77,7 +77,7 @@ def read_progress(store: Store, run_id: str, attempt: int) -> AttemptRecord | No
 
 
 class Committer:
-    """Publisher of runs; a results root has at most one at a time.
+    """Publisher of runs' results; a results root has at most one at a time.
 
     Every method can be repeated after a crash and then leads to the same files. Readers never see half of an
     evaluation or the same one twice, since files become visible and move when a run's manifest is replaced.
@@ -174,7 +174,7 @@ class Committer:
                     source.read(self.store)
                     self.store.move(source.path, destination.path)
                 else:
-                    destination.read(self.store)  # already moved if an earlier attempt was killed
+                    destination.read(self.store)  # already moved if an earlier call was interrupted
             for path in self.store.files(layout.staged_policy(run.run_id, attempt)):
                 self.store.move(path, f"{layout.policy_folder(run.run_id)}/{PurePosixPath(path).name}")
             self._replace(published, done)
@@ -255,7 +255,7 @@ class Committer:
         self.store.write_bytes(path, encode(table, to_arrow(table, SCHEMAS[table], ordered)))
 
     def _rows_before(self, table: Table, path: str) -> list[dict[str, Any]]:
-        """Return the rows of a file to be replaced, or no rows if it is damaged; damage is logged."""
+        """Return the rows of a file to be replaced; none if it is missing or damaged, which is logged."""
         try:
             rows: list[dict[str, Any]] = decode(table, self.store.read_bytes(path)).to_pylist()
         except FileNotFoundError:

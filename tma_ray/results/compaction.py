@@ -69,7 +69,7 @@ which does not compress."""
 
 
 def experiments_of(results: Results, run_ids: Collection[str] | None = None) -> dict[str, str]:
-    """Return the experiment of each run that has one, by run id; the first by name of several.
+    """Return the experiment of each run that has one, by run id; if it has several, the first by name.
 
     Args:
         results: root of the runs.
@@ -81,7 +81,7 @@ def experiments_of(results: Results, run_ids: Collection[str] | None = None) -> 
 
 
 def grouped(manifests: Sequence[Manifest], experiments: Mapping[str, str]) -> dict[str, list[Manifest]]:
-    """Return the manifests by experiment (as a part of file names), sorted by run id."""
+    """Return the manifests by experiment (its name made fit for file names), sorted by run id."""
     groups: dict[str, list[Manifest]] = {}
     for manifest in sorted(manifests, key=lambda manifest: manifest.run.run_id):
         experiment = experiments.get(manifest.run.run_id, SINGLE_RUNS)
@@ -105,7 +105,7 @@ def pack(
         manifests: manifests of the runs, sorted by run id.
         target: root to write to, perhaps the same.
         name: name of the new files.
-        tick: function called between runs, as to renew a lease.
+        tick: function called between runs, for example to renew a lease.
         options: tables and files to write.
     """
     slices: dict[str, list[PartFile]] = {manifest.run.run_id: [] for manifest in manifests}
@@ -192,7 +192,7 @@ _MERGED: Final = re.compile(rf"{layout.TABLES}/[^/]+/[^/]+\.parquet")
 
 @dataclass(frozen=True)
 class Journal:
-    """Files to delete after a compaction: replaced files, and files that no manifest lists."""
+    """Files to delete after a compaction: those that no manifest lists, and those that were replaced."""
 
     unless_used: tuple[str, ...] = ()
     replaced: tuple[str, ...] = ()
@@ -439,7 +439,7 @@ class Shard(Copy):
 
 
 def add_shard(results: Results, target: Store, name: str) -> Shard:
-    """Copy the finished runs missing in `target`, with their cells, into new files.
+    """Copy the finished runs missing from `target`, with their cells, into new files.
 
     Args:
         results: root of the new runs.
@@ -475,7 +475,7 @@ def add_shard(results: Results, target: Store, name: str) -> Shard:
 
 
 def start_from(store: Store, source: Store) -> int:
-    """Copy the finished runs missing in `store`, with their cells, from `source`; return their number.
+    """Copy the finished runs missing from `store`, with their cells, from `source`; return their number.
 
     A campaign on that root then only runs what is missing.
 

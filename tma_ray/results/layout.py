@@ -39,7 +39,7 @@ _ID: Final = re.compile(rf"[0-9a-zA-Z_-]{{1,{LONGEST_ID}}}")
 
 @dataclass(frozen=True)
 class RootFile:
-    """The content of `ROOT_FILE`."""
+    """Content of `ROOT_FILE`."""
 
     format: str
     schema_version: Natural
@@ -122,7 +122,7 @@ def _root_file(store: Store) -> RootFile | DamagedFileError | None:
 
 
 def _version_of_tables(store: Store) -> int | None:
-    """Return the schema version of a table of runs, or None if no table is readable."""
+    """Return the schema version in the files of the table of runs, or None if none is readable."""
     for path in store.files(f"{TABLES}/{Table.RUNS}"):
         try:
             return store.read_parts(path, schema_version)
@@ -198,5 +198,5 @@ def log_path(run_id: str, attempt: int) -> str:
 
 
 def table_path(table: Table, name: str) -> str:
-    """Return the path of a published file by run id, or by campaign for the table of cells."""
+    """Return the path of a table's file, named after a run or, for the table of cells, a campaign."""
     return f"{TABLES}/{table}/{check_id(name)}.parquet"

@@ -112,7 +112,7 @@ class Heartbeat:
             return None
 
     def alive(self, now: float) -> bool:
-        """Return True if the campaign seems to run at the Unix time `now`, unless its clock is far ahead."""
+        """Return True if the campaign seems to run at the Unix time `now`; False if its clock is far off."""
         if self.ended or (self.process is not None and self.process.is_dead()):
             return False
         return abs(now - self.at) < SILENT_SECONDS
@@ -168,13 +168,13 @@ class LeaseFile:
         return now - self.renewed_at >= seconds or (self.process is not None and self.process.is_dead())
 
     def is_ahead(self, now: float, seconds: float) -> bool:
-        """Return True if the lease was renewed in the future, which means that a clock is wrong."""
+        """Return True if the last renewal lies far in the future, which means that a clock is wrong."""
         return self.renewed_at - now >= seconds and not self.is_dead(now, seconds)
 
 
 @dataclass(frozen=True)
 class StopRequest:
-    """Request to stop the holder of a lease, by the lease's token, or by name if the lease is damaged."""
+    """Request to stop a lease's holder, identified by token, or by name if the lease is damaged."""
 
     token: str = ""
     holder: str = ""

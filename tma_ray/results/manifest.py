@@ -115,7 +115,7 @@ class Manifest:
             raise
 
     def check(self, run_id: str) -> None:
-        """Raise a ValueError if the manifest, its spec or its files belong to another run than `run_id`."""
+        """Raise a ValueError if the manifest, its spec or its files belong to a run other than `run_id`."""
         if self.run.run_id != run_id:
             raise ValueError(f"it is about another run, {self.run.run_id!r}")
         check_spec(self.run)
@@ -201,7 +201,7 @@ def read_slice(store: Store, file: PartFile, columns: Sequence[str]) -> pa.Table
 def read_slices(
     store: Store, files: Sequence[PartFile], columns: Sequence[str]
 ) -> Mapping[PartFile, pa.Table | Exception]:
-    """Return the rows of each run in one shared file, or the error of reading them."""
+    """Return the rows of each run in one shared file, or the error raised on reading them."""
     if len(files) <= MOST_SLICES:
         return {file: _tried(store, file, columns) for file in files}
     try:
@@ -220,7 +220,7 @@ def read_slices(
 
 
 def damaged_rows(store: Store, file: PartFile) -> tuple[tuple[int, int], ...]:
-    """Return the ranges of unreadable rows in a damaged file; all rows if its page checksums are right."""
+    """Return the ranges of unreadable rows in a damaged file; all rows if its page checksums match."""
     try:
         ranges = tuple(unreadable_rows(file.table, store.read_bytes(file.path)))
     except UNREADABLE:
@@ -251,7 +251,7 @@ def shared_by_path(files: Iterable[PartFile]) -> dict[str, list[PartFile]]:
 
 
 def by_appearance(rows: pa.Table) -> pa.Table:
-    """Return `rows` with dictionaries of columns reduced to the used values, in order of appearance."""
+    """Return `rows` with each column's dictionary reduced to the values used, in order of appearance."""
     for number, field in enumerate(rows.schema):
         if pa.types.is_dictionary(field.type):
             column = rows.column(number).combine_chunks()

@@ -15,7 +15,7 @@ from tma_ray.results.storage import Store
 from tma_ray.support.decoding import MOST_FILE_BYTES, DamagedFileError
 
 _Fields: TypeAlias = dict[int, Any]  # fields of a Thrift structure by number
-PAGE_BYTES: Final = 1024  # counted for every page, since even empty pages take time
+PAGE_BYTES: Final = 1024  # added to the size of every page, since even empty pages take time
 _VALUE_BYTES: Final = 8  # size of a number or of a text's offset
 
 _NUMBERS: Final = ("BOOLEAN", "INT32", "INT64", "FLOAT", "DOUBLE")
@@ -240,7 +240,7 @@ def same_rows(table: Table, rows: pa.Table, others: pa.Table) -> bool:
 def _opened(table: Table, source: Any, *, checked: bool = False) -> pq.ParquetFile:
     """Open a Parquet file for reading, with id columns as dictionaries."""
     metadata = pq.read_metadata(source)
-    ids = [name for name in _ids(table) if name in metadata.schema.names]  # older files lack some ids
+    ids = [name for name in _ids(table) if name in metadata.schema.names]  # older files lack some id columns
     return pq.ParquetFile(
         source, metadata=metadata, page_checksum_verification=not checked, read_dictionary=ids
     )
@@ -269,7 +269,7 @@ def _check_size(
 
 
 def _present(file: pq.ParquetFile, columns: Sequence[str]) -> list[str]:
-    """Return the `columns` in `file`; if there are none, its first column, for the number of rows."""
+    """Return those of `columns` that `file` has; if it has none, its first column, for the row count."""
     names = file.schema_arrow.names
     return [name for name in columns if name in names] or names[:1]
 

@@ -34,7 +34,7 @@ S = TypeVar("S")
 ReadT = TypeVar("ReadT")
 
 _Shared: TypeAlias = dict[PartFile, pa.Table | Exception]
-"""Rows of runs in shared files, or the error of reading them."""
+"""Rows of runs in shared files, or the error raised on reading them."""
 
 _Cache: TypeAlias = dict[tuple[str, tuple[int | None, int | None]], Manifest | None]
 """Manifests by path and stamp of their files."""
@@ -46,8 +46,8 @@ KEYS: Final = {Table.ATTEMPTS: (RUN_ID, "attempt"), Table.CELLS: (RUN_ID,)}
 """Key columns of tables about runs."""
 
 _THREADS: Final = 16  # may exceed the number of cores, since threads mostly wait for disks or object stores
-_SETTLED_NS: Final = 5_000_000_000  # age from which a rewritten file gets a new modification time, ns
-_SMALL_ROWS: Final = 20_000  # a file with fewer rows is decoded faster than passed to a thread
+_SETTLED_NS: Final = 5_000_000_000  # age after which rewriting a file changes its modification time, ns
+_SMALL_ROWS: Final = 20_000  # files with fewer rows take less time to decode than to pass to a thread
 
 
 class Results:
@@ -107,7 +107,7 @@ class Results:
         return self._manifests
 
     def find(self, name: str) -> Manifest:
-        """Return the manifest of the run with the id, or unique prefix of an id, `name`.
+        """Return the manifest of the run whose id is `name`, or begins with it if no other does.
 
         Raises:
             ValueError: if no run matches, or several do.

@@ -27,7 +27,7 @@ class RunStatus(StrEnum):
 
 @dataclass(frozen=True)
 class RunRecord:
-    """A row in the table of runs.
+    """Row of the table of runs.
 
     Attributes:
         run_id: hash of the effective spec and seed.
@@ -164,7 +164,7 @@ class TrialLook:
 
 @dataclass(frozen=True)
 class TrialFile:
-    """The content of `TRIAL_FILE`.
+    """Content of `TRIAL_FILE`.
 
     Attributes:
         design: design of the trial, fixed beforehand.

@@ -70,7 +70,7 @@ class Inspection:
 class Inspector:
     """Inspector that compares runs' files with the manifests, reading each file once.
 
-    Damage of a shared file is reported for the runs whose rows are affected.
+    Damage to a shared file is reported for the runs whose rows are affected.
 
     Args:
         store: store of the results root.
@@ -128,7 +128,8 @@ def lost_manifests(
 ) -> dict[str, DamagedFileError]:
     """Return errors for lost manifests, by path.
 
-    A manifest is lost if the run's row is done, or if a row or cell lists the run and it has `TRACES`.
+    A manifest counts as lost if the run's row has the status done, or if a row or cell lists the run and
+    files in `TRACES` are named after it.
 
     Args:
         store: store of the results root.
@@ -249,7 +250,7 @@ def verify_root(store: Store) -> RootVerification:
 
 
 def _listed_twice(manifests: Iterable[Manifest]) -> Iterator[Damage]:
-    """Yield the damage of files, or rows of shared files, that are listed for two runs."""
+    """Yield a `Damage` for each file, or range of rows in a shared file, that is listed for two runs."""
     claims: dict[str, list[tuple[int, int, str]]] = {}
     for manifest in manifests:
         for file in manifest.files:
@@ -264,7 +265,7 @@ def _listed_twice(manifests: Iterable[Manifest]) -> Iterator[Damage]:
 
 
 def _foreign_rows(store: Store, manifests: Iterable[Manifest]) -> Iterator[Damage]:
-    """Yield the damage of shared files with rows whose run id differs from their manifest's."""
+    """Yield a `Damage` for each run whose rows in a shared file are incomplete or another run's."""
     shared: dict[str, list[tuple[PartFile, str]]] = {}
     for manifest in manifests:
         for file in manifest.files:
@@ -291,7 +292,7 @@ def _tables_about_runs(store: Store) -> Iterator[Damage]:
 
 
 def _foreign_policies(store: Store, manifests: Iterable[Manifest]) -> Iterator[Damage]:
-    """Yield the damage of policies whose spec differs from their run's."""
+    """Yield a `Damage` for each policy whose spec is unreadable or differs from its run's."""
     saved = set(store.files(layout.POLICIES))
     for manifest in manifests:
         path = f"{layout.policy_folder(manifest.run.run_id)}/{SPEC_FILE}"

@@ -39,7 +39,7 @@ from tma_ray.runs.teaching import InlineTeacher, TeacherLink
 from tma_ray.students.rollout_workers import LearnerLostError, ask_learner
 from tma_ray.support.validation import check_type
 
-RECENT_EPISODES = 100  # number of training episodes over which the return of a status is averaged
+RECENT_EPISODES = 100  # number of training episodes over which a `Status` averages the return
 
 logger = logging.getLogger(__name__)
 
@@ -136,7 +136,7 @@ class Attempt:
             return final
 
     def status(self) -> Status:
-        """Return the step, speed and recent return during training."""
+        """Return the run's step, speed and recent return; only valid during training."""
         assert self._run is not None, "an attempt that trains has a run"
         step, seconds = self._run.progress.step, time.monotonic() - self._started
         recent = float(np.mean(self._episodic_returns)) if self._episodic_returns else float("nan")
@@ -227,7 +227,7 @@ class Attempt:
             write_progress(self._store, self.record(AttemptOutcome.LOST))
 
     def _finish(self, run: Run) -> tuple[PartFile, ...]:
-        """Write the final policy with its spec, and write and return the canonical result files."""
+        """Write the final policy with its spec and the canonical result files, and return these files."""
         folder = staged_policy(self.spec.run_id, self._number)
         with tempfile.TemporaryDirectory() as temporary:
             run.student.save_policy(Path(temporary))
@@ -244,7 +244,7 @@ LOGGER = "tma_ray"
 class RunLog(logging.Handler):
     """Context manager that writes this process's log messages of level INFO and above to the results root.
 
-    The file is rewritten each time, since object stores cannot append. An exception in the context becomes
+    Each publication rewrites the file, since object stores cannot append. An exception in the context becomes
     the last message. Messages since the last publication are lost if the process is killed.
     """
 

@@ -84,7 +84,7 @@ def check_body(environment: str, embodiment: str) -> None:
 
 
 def challenge_bounds(name: str, space: Bounds) -> tuple[str, dict[str, tuple[float, float]]]:
-    """Return the name of a challenge without bounds, and the bounds in its name and in `space`.
+    """Return a challenge's name without bounds, and all bounds given in its name and in `space`.
 
     Args:
         name: name of a challenge, optionally with bounds, as in ``original:stump_height=0..0.3``.
@@ -127,7 +127,7 @@ def bounded(space: TaskSpace, bounds: Bounds) -> TaskSpace:
 
 
 def canonical_challenge(name: str, space: TaskSpace, chosen: TaskSpace) -> str:
-    """Return the name of a challenge with the bounds of `chosen` that differ from its task space."""
+    """Return a challenge's name with those bounds of `chosen` that differ from its own task space."""
     pairs = zip(space.dimensions, chosen.dimensions, strict=True)
     differing = {
         new.name: f"{text_of(float(new.low))}{BOUNDS_SEPARATOR}{text_of(float(new.high))}"

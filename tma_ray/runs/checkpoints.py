@@ -114,7 +114,7 @@ class Checkpoints:
         self._intact = False  # True if `_latest` is the state that the run last saved or loaded
 
     def save(self, run: Run, parts: Sequence[PartFile], fingerprint: str) -> int:
-        """Write a checkpoint of `run`, delete all but one older one, and return the bytes written."""
+        """Write a checkpoint of `run`, keep only one older one, and return the number of bytes written."""
         step = run.progress.step
         name = f"{step:012d}-attempt-{self._attempt:03d}"
         incremental, self._intact = self._intact, False  # stays False until the index is written
@@ -135,7 +135,7 @@ class Checkpoints:
         return len(index) + sum(file.size for file in new.values())
 
     def restore(self, run: Run) -> Checkpoint | None:
-        """Load the newest intact checkpoint into a new `run`, and return it, or None without one."""
+        """Load the newest intact checkpoint into a new `run`, and return it, or None if there is none."""
         indices = [path for path in self._store.files(self._folder) if path.endswith(f"/{INDEX}")]
         for path in reversed(indices):
             with tempfile.TemporaryDirectory() as folder:
@@ -278,7 +278,7 @@ def find_policy(name: str, results: str | Path) -> SavedPolicy:
 
 
 def results_of(saved: SavedPolicy, results: str | Path) -> Results | None:
-    """Return the results with the run of a policy, from the policy's root or `results`, or None."""
+    """Return the results that contain a policy's run, from the policy's own root or `results`, or None."""
     folder = Path(saved.store.where(saved.folder))
     in_root = not saved.store.is_object_store and folder.parent.name == POLICIES
     for path in [folder.parent.parent, results] if in_root else [results]:

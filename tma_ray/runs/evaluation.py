@@ -33,7 +33,7 @@ def played_episodes(
         most_steps: largest total number of steps.
 
     Returns:
-        Episodic returns and lengths (n,), partial for episodes that `most_steps` cut.
+        Episodic returns and lengths (n,), partial for episodes cut short by `most_steps`.
     """
     running = np.arange(len(tasks))
     observations, _ = worlds.reset(running, seeds, tasks)
@@ -65,7 +65,7 @@ class Evaluation:
         self._worlds = lock_step(self._environments)
 
     def __call__(self, act: Act) -> list[dict[str, Any]]:
-        """Evaluate a policy on all test tasks; return rows of evaluations without run id and step."""
+        """Evaluate a policy on all test tasks; return rows of `Table.EVALUATIONS` without run id and step."""
         episodic_returns, lengths = played_episodes(self._worlds, self._seeds, self.test_set.tasks, act)
         return [
             {
@@ -120,10 +120,10 @@ class UntrainedEpisodes:
             student: student that acts.
             tasks: tasks of the world (n, d).
             greedy: True for the deterministic policy instead of the exploring one.
-            budget: steps left of the run.
+            budget: number of steps left in the run.
 
         Returns:
-            The outcomes, or None if they exhaust the budget.
+            The outcomes, or None if the episodes exhaust the budget.
         """
         act = student.act_greedily if greedy else partial(student.sample_actions, rng=self._rng)
         seeds = self._rng.integers(2**31, size=len(tasks)).tolist()

@@ -42,7 +42,7 @@ def plugins_of(names: Mapping[str, str]) -> dict[str, Plugin]:
 
     Raises:
         UnknownNameError: if a name is unknown.
-        ValueError: if no other process could import a plug-in.
+        ValueError: if a plug-in could not be imported by other processes.
     """
     sources = {part: registry.plugin(names[part]) for part, registry in REGISTRIES.items()}
     return {part: Plugin(source.module, source.digest) for part, source in sources.items() if source}
@@ -170,7 +170,7 @@ def contents(specs: Iterable[RunSpec]) -> dict[str, bytes]:
 
 
 def provide(contents_by_digest: Mapping[str, bytes]) -> None:
-    """Store input files from another process in memory, as contents by SHA-256."""
+    """Keep input files received from another process, given as contents by SHA-256, in memory."""
     _contents.update(contents_by_digest)
 
 
@@ -205,7 +205,7 @@ def fetch(store: Store, spec: RunSpec) -> None:
     """Read the input files of a run from a results root into memory.
 
     Raises:
-        DamagedFileError: if one is damaged.
+        DamagedFileError: if a file is damaged.
     """
     for file in spec.inputs.values():
         if file.sha256 not in _contents:
@@ -219,7 +219,7 @@ def fetch_beside(folder: Path, spec: RunSpec) -> None:
     """Read the input files of a run, by name, from a folder such as an export.
 
     Raises:
-        DamagedFileError: if one has another content.
+        DamagedFileError: if a file has other content.
     """
     for file in spec.inputs.values():
         path = folder / file.name
@@ -234,7 +234,7 @@ def write_inputs(spec: RunSpec, folder: Path) -> None:
     """Write the input files of a run into an existing folder, by name.
 
     Raises:
-        ValueError: if the content of one is not known in this process.
+        ValueError: if the content of a file is not known in this process.
     """
     for file in spec.inputs.values():
         (folder / file.name).write_bytes(_provided(file).read_bytes())

@@ -29,7 +29,7 @@ class Placement:
     Attributes:
         device: torch's name of the device of the networks.
         threads: torch's threads of the run.
-        checkpoint_seconds: longest time between two checkpoints, s; taken at episode ends.
+        checkpoint_seconds: longest time between two checkpoints, which are taken at episode ends, s.
         outage_seconds: longest outage of the storage before the attempt ends, s.
         learner: learner of the cohort in which the student learns; None if it learns alone, on `device`.
     """
@@ -156,7 +156,7 @@ def usable_cores(root: Path = Path("/")) -> int:
 
 
 def _quotas(root: Path) -> list[float]:
-    """Return the quotas of this process's control groups and their parents in cores (Linux only)."""
+    """Return the CPU quotas, in cores, of this process's control groups and their parents (Linux only)."""
     groups, quotas = root / "proc/self/cgroup", []
     for line in groups.read_text().splitlines() if groups.exists() else []:
         _, controllers, path = line.split(":", 2)

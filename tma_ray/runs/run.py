@@ -237,7 +237,7 @@ class Run:
         self._receive(self.teacher.exchange(episode), recorder)
 
     def _world_task(self, task: Task) -> Task:
-        """Return the environment's task for a task of the teacher, which differs in shuffled spaces."""
+        """Return the environment's task for a teacher's task; they differ only if the space is shuffled."""
         return task if self._landscape is None else self._landscape.to_world(task)
 
     def _receive(self, reply: Reply, recorder: Recorder | None = None) -> None:

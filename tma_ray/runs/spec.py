@@ -105,7 +105,7 @@ class RunSpec:
         physics_version: version of the physics the run is simulated with.
         plugins: parts among "environment", "student" and "teacher" that do not ship with tma_ray.
         resets: steps after which the student is reset, ascending.
-        cuts: intervals per dimension that change places in the teacher's space, 0 if it is not shuffled.
+        cuts: intervals per dimension that are permuted in the teacher's space, 0 if it is not shuffled.
         algorithm_versions: declared versions of "environment", "student" and "teacher"; missing in runs from
             before there were versions, and for plug-ins without one.
         inputs: input files by the option that names them, as in "environment.embodiment"; the option holds
@@ -258,7 +258,7 @@ class RunSpec:
         facts = decode_json(text, SpecView, where)
         content = decode_json(text, dict[str, Any], where)
         if facts.engine is not None:
-            return cls.from_dict(content)  # raises a ValueError for the imported run
+            return cls.from_dict(content)  # raises a ValueError, since the run was imported
         try:
             return cls.from_dict(content)
         except (ValueError, KeyError, TypeError, AttributeError) as error:
@@ -291,7 +291,7 @@ class Streams:
 
 
 def placement_generator(spec: RunSpec) -> np.random.Generator:
-    """Return the generator for the challenge's random parts, which is the same for all teachers."""
+    """Return the generator for the random parts of the challenge, which are the same for all teachers."""
     words = [_hash(f"{spec.environment}/{spec.challenge}/{spec.repeat}"), spec.seed]
     return np.random.default_rng(np.random.SeedSequence(words))
 

@@ -49,7 +49,7 @@ class TeacherLink(Protocol):
         """Report a finished episode (None before the first) and return the teacher's reply."""
 
     def answer(self, answer: Answer) -> Reply:
-        """Pass the answer to the last query to the teacher, and return its next reply."""
+        """Give the teacher the answer to its last query, and return its next reply."""
 
     def probe(self, count: int) -> Task:
         """Return tasks (count, d) without exploration or side effects."""
@@ -93,7 +93,7 @@ class CheckedTeacher:
         return self._checked(self._teacher.observe(episode))
 
     def answer(self, answer: Answer) -> Query | None:
-        """Pass the answer to the last query to the teacher, and return its next query, if any."""
+        """Give the teacher the answer to its last query, and return its next query, if any."""
         return self._checked(self._teacher.answer(answer))
 
     def probe(self, count: int) -> Task:
@@ -159,7 +159,7 @@ class InlineTeacher:
         return self._reply(query)
 
     def answer(self, answer: Answer) -> Reply:
-        """Pass the answer to the last query to the teacher, and return its next reply."""
+        """Give the teacher the answer to its last query, and return its next reply."""
         return self._reply(self._checked.answer(answer))
 
     def probe(self, count: int) -> Task:

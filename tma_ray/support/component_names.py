@@ -1,10 +1,11 @@
 """Grammar of names with settings, ``name:key=value``.
 
 Settings follow the name of a component, as in ``alp_gmm:fit_every=100``, ``stock:sac:learning_rate=3e-4`` or
-``module:Name:key=value``. Lists are separated by "x" (``hidden_units=64x64``), or JSON if an entry is a
-list or contains an "x"; mappings are JSON, booleans ``true`` and ``false``, a missing value ``none``. The
-characters ":", "=", "," and "%" in values are percent-encoded (``%3A``). The canonical name of a component
-has only settings that differ from its defaults, sorted by key, so that equal components have equal names.
+``module:Name:key=value``. List entries are separated by "x" (``hidden_units=64x64``), unless an entry is a
+list or contains an "x": such lists, and mappings, are written as JSON. Booleans are ``true`` and ``false``,
+and None is ``none``. The characters ":", "=", "," and "%" in values are percent-encoded (``%3A``). The
+canonical name of a component has only settings that differ from its defaults, sorted by key, so that equal
+components have equal names.
 """
 
 import difflib
@@ -15,7 +16,7 @@ from typing import Any
 from urllib.parse import unquote
 
 _SETTINGS = re.compile(r"(:\w+=[^:=]*)+$")  # settings at the end of a name
-_FILE = re.compile(r"\.py:(\w+)$")  # end of a plug-in name with a file, as in module.py:Name
+_FILE = re.compile(r"\.py:(\w+)$")  # end of a plug-in's name that has a file, as in module.py:Name
 LIST_SEPARATOR = "x"  # separates list entries, since commas separate names
 
 ESCAPES = str.maketrans({character: f"%{ord(character):02X}" for character in ":=,%"})
@@ -23,7 +24,7 @@ ESCAPES = str.maketrans({character: f"%{ord(character):02X}" for character in ":
 
 
 def split_name(text: str) -> tuple[str, dict[str, str]]:
-    """Return a component's name without settings, and the settings as text.
+    """Return a component's name without settings, and the values of its settings as texts, by key.
 
     Raises:
         ValueError: if a setting occurs twice.
@@ -63,7 +64,7 @@ def _parted(text: str) -> tuple[str, str]:
 
 
 def nearest(name: str, candidates: Iterable[str]) -> str:
-    """Return a hint at the candidate most similar to `name`, or an empty text if none is similar.
+    """Return a hint that suggests the candidate most similar to `name`, or an empty text if none is similar.
 
     Examples:
         >>> nearest("Alp_gm", ["random", "alp_gmm"])
@@ -103,7 +104,7 @@ def text_of(value: Any) -> str:
 
 
 def _needs_quotes(item: Any) -> bool:
-    """Return True if a list that contains this entry must be written as JSON."""
+    """Return True if a list that contains `item` must be written as JSON."""
     if isinstance(item, str):
         return not item or LIST_SEPARATOR in item or item.startswith(("[", "{"))
     return isinstance(item, (tuple, list, dict))

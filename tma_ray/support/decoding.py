@@ -19,10 +19,10 @@ ContentT = TypeVar("ContentT")
 INT32_MAX: Final = 2**31 - 1
 INT64_MAX: Final = 2**63 - 1
 
-Natural: TypeAlias = Annotated[int, msgspec.Meta(ge=0, le=INT64_MAX)]  # integer from 0 that fits in 64 bits
+Natural: TypeAlias = Annotated[int, msgspec.Meta(ge=0, le=INT64_MAX)]  # integer from 0 to 2^63 - 1
 
 SmallNatural: TypeAlias = Annotated[int, msgspec.Meta(ge=0, le=INT32_MAX)]
-"""Integer from 0 that fits in 32 bits."""
+"""Integer from 0 to 2^31 - 1."""
 
 Sha256: TypeAlias = Annotated[str, msgspec.Meta(pattern="^[0-9a-f]{64}$")]  # hexadecimal checksum
 Seconds: TypeAlias = Annotated[float, msgspec.Meta(ge=0, le=4e9)]  # Unix time up to the year 2096
@@ -31,9 +31,9 @@ MOST_FILE_BYTES: Final = min(2**34, os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC
 """Size limit of files read whole: half of this machine's memory, at most 16 GiB."""
 
 MOST_TEXT_BYTES: Final = 2**26
-"""Size limit of JSON, TOML and CSV, which take up to twenty times as much memory."""
+"""Size limit of JSON, TOML and CSV files, which take up to twenty times their size in memory."""
 
-MOST_ARRAY_BYTES: Final = 2**28  # default limit on the unpacked content of a ``.npz`` file, bytes
+MOST_ARRAY_BYTES: Final = 2**28  # default limit on the uncompressed content of a ``.npz`` file, bytes
 
 _KINDS: Final = {
     stat.S_IFDIR: "a folder",
@@ -55,7 +55,7 @@ class DamagedFileWarning(UserWarning):
 def check_file(path: str | os.PathLike[str], most_bytes: int = MOST_FILE_BYTES) -> None:
     """Check that `path` is a regular file of limited size, without opening it.
 
-    Opening a pipe would block, and a device might never end.
+    Opening a pipe would block, and reading a device might never end.
 
     Raises:
         OSError: if the file is missing or not accessible.
@@ -84,7 +84,7 @@ def read_file(path: str | os.PathLike[str], most_bytes: int = MOST_FILE_BYTES) -
 
 
 def decode_json(data: bytes | str, kind: type[ContentT], where: str) -> ContentT:
-    """Decode the JSON in `data` to a `kind` that msgspec supports, ignoring undeclared fields.
+    """Decode JSON as `kind`, a type that msgspec supports, ignoring undeclared fields.
 
     Raises:
         DamagedFileError: if it is not JSON, or a field is missing, of another type or out of bounds. The
@@ -107,7 +107,7 @@ def load_npz(path: str | os.PathLike[str], most_bytes: int = MOST_ARRAY_BYTES) -
     Raises:
         OSError: if the file is missing.
         zipfile.BadZipFile: if it is not an archive.
-        ValueError: if it would take more than `most_bytes`, or an array is damaged or of objects.
+        ValueError: if it would take more than `most_bytes`, or an array is damaged or contains objects.
     """
     import numpy as np  # imported late, since most commands read no arrays
 

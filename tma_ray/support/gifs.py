@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 from PIL import Image
 
 SHADES, HUES = 192, 63
-"""Numbers of colours besides white: for large areas, as the sky, and for small details, as a red hand."""
+"""Numbers of palette colours besides white: for large areas (the sky), and small details (a red hand)."""
 
 SAMPLED = 12
 """Largest number of frames from which the palette is computed."""
 
 
 def gif_bytes(frames: Sequence[NDArray[np.uint8]], seconds: float | Fraction, pause: float = 0.0) -> bytes:
-    """Return a looping GIF whose frames share one palette, so that still parts do not flicker.
+    """Return a looping GIF whose frames share one palette, so that static areas do not flicker.
 
     Args:
         frames: pictures (height, width, 3) of one size, red, green and blue.
@@ -46,6 +46,6 @@ def gif_bytes(frames: Sequence[NDArray[np.uint8]], seconds: float | Fraction, pa
 
 
 def _colours(picture: Image.Image, count: int, method: Image.Quantize) -> list[int]:
-    """Return the concatenated RGB values of `count` colours of a picture."""
+    """Return a palette of `count` colours for a picture, as a flat list of RGB values."""
     values = picture.quantize(count, method=method).getpalette() or []
     return (values + [0] * 3 * count)[: 3 * count]

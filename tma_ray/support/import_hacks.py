@@ -1,4 +1,4 @@
-"""Workarounds that keep pyarrow and torch from importing pandas and torch's compiler."""
+"""Workarounds that keep pyarrow from importing pandas, and torch from importing its compiler."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def skip_dynamo() -> None:
 
 
 def take_step(optimiser: Optimizer) -> None:
-    """Take one step of `optimiser` without hooks, which would import torch's compiler."""
+    """Take one step of `optimiser`, bypassing its hooks, which would import torch's compiler."""
     import torch
 
     with torch.no_grad():

@@ -35,9 +35,10 @@ def expect_early() -> None:
 
 @contextlib.contextmanager
 def block_sigint() -> Iterator[None]:
-    """Context manager in which new processes start with Ctrl-C blocked, to protect their imports.
+    """Context manager in which child processes start with Ctrl-C blocked, to protect their imports.
 
-    A pending Ctrl-C reaches this process at the end of the block, and the others at `unblock_sigint`.
+    A pending Ctrl-C reaches this process at the end of the block, and a child process when it calls
+    `unblock_sigint`.
     """
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
@@ -47,7 +48,7 @@ def block_sigint() -> Iterator[None]:
 
 
 def unblock_sigint() -> None:
-    """Unblock Ctrl-C, so that a new or pending one ends the process without a message."""
+    """Unblock Ctrl-C; if one is pending, or comes later, it ends the process without a message."""
     signal.signal(signal.SIGINT, leave_at_once)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 

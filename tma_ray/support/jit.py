@@ -18,7 +18,7 @@ F = TypeVar("F", bound=Callable[..., object])
 class _Announcer(event.Listener):
     """Event listener that announces the first compilation."""
 
-    def on_start(self, event: Any) -> None:  # noqa: ARG002 - as numba asks
+    def on_start(self, event: Any) -> None:  # noqa: ARG002 - numba's signature
         _announce()
 
     def on_end(self, event: Any) -> None:
@@ -57,8 +57,9 @@ def kernel(function: F, nogil: bool = False) -> F:
             f"user's own cache may be written; name a folder that may be in NUMBA_CACHE_DIR"
         ) from error
     if compiled is not function:
-        # numba detects changes only in the function's file, but kernels call others in their package; with
-        # another version it also skips an old index, whose unpickling fails on types of deleted modules
+        # numba only checks the function's own file for changes, but kernels call kernels in other files, so
+        # the sources of the package become part of the cache's version; numba also discards an index of
+        # another version before unpickling it, which would fail on types of deleted modules
         file = Path(function.__code__.co_filename)
         compiled._cache._cache_file._version = (numba.__version__, _sources(_package(file)))
     return cast("F", compiled)
@@ -76,7 +77,7 @@ def _package(file: Path) -> Path:
 def _sources(folder: Path) -> str:
     """Return a digest of the names and contents of the Python files in `folder`."""
     content = hashlib.sha256()
-    is_package = (folder / "__init__.py").is_file()  # never recurse into other folders, such as a home
+    is_package = (folder / "__init__.py").is_file()  # never recurse into other folders, such as a home folder
     for path in sorted(folder.glob("**/*.py" if is_package else "*.py")):
         content.update(f"{path.relative_to(folder)}\0".encode() + path.read_bytes())
     return content.hexdigest()

@@ -1,4 +1,4 @@
-"""Lazy imports of packages' public names, and docstrings read without importing."""
+"""Lazy import of a package's public names, and lookup of docstrings without importing."""
 
 import ast
 import importlib.util
@@ -11,7 +11,7 @@ from typing import Any
 
 
 def attach(package: str, source: str) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
-    """Return `__getattr__` and `__dir__` that import a package's ``if TYPE_CHECKING:`` names on use.
+    """Return `__getattr__` and `__dir__` for lazy import of a package's ``if TYPE_CHECKING:`` names.
 
     Args:
         package: ``__name__`` of the package.

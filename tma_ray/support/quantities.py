@@ -1,4 +1,4 @@
-"""Parsers and checks of numbers within ranges, and the expansion of home folders."""
+"""Parsing and checking of numbers within ranges, and expansion of home folders."""
 
 import re
 from dataclasses import dataclass
@@ -7,18 +7,19 @@ from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, Final
 
-MOST_SHOWN_CHARS: Final = 60  # longest part of a rejected text that a message shows
+MOST_SHOWN_CHARS: Final = 60  # number of characters of a rejected text that a message shows
 
 _NUMBER: Final = re.compile(r"(-?\d+(?:_\d+)*(?:\.\d+)?(?:[eE][+-]?\d{1,3})?)([A-Za-z]*)", re.ASCII)
 _FACTORS: Final = {"": 1, "k": 1_000, "K": 1_000, "M": 1_000_000}
-"""Factors of units. "m" is missing, since it could be a thousandth or a million."""
+"""Factors of units; "m" is left out, since it could mean a thousandth or a million."""
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """Kind of number with a range, which can be called as a parser of texts.
+    """Kind of number with a range; an instance is a callable that parses texts.
 
-    Numbers are written as 500000, 500_000, 5e5, 500k, 500K or 20M, without a plus, infinities and NaN.
+    Numbers are written as 500000, 500_000, 5e5, 500k, 500K or 20M. Plus signs, infinities and NaN are
+    refused.
 
     Attributes:
         expected: description in error messages.
@@ -50,7 +51,7 @@ class Quantity:
             value = Decimal(digits) * _FACTORS[unit]
             if self._holds(value) and (not self.whole or value == int(value)):
                 number: int | float = int(value) if self.whole else float(value)
-                if self._holds(number):  # the smallest decimals may have been rounded to zero
+                if self._holds(number):  # tiny decimals may have underflowed to zero
                     return number
         raise refused(text, f"expected {self.expected}")
 

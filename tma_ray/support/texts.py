@@ -39,14 +39,14 @@ def rounded_duration(seconds: float) -> str:
 
 
 def estimated_duration(hours: float) -> str:
-    """Return a duration in one unit, rounded up to minutes, as in "5 min", "1.5 h" or "4 days"."""
+    """Return a duration in one unit, with minutes rounded up, as in "5 min", "1.5 h" or "4 days"."""
     if hours >= 72:
         return f"{hours / 24:,.0f} days"
     return f"{hours:.1f} h" if hours >= 1 else f"{math.ceil(hours * 60)} min"
 
 
 def hours_text(hours: float) -> str:
-    """Return a number of hours to two digits, or as a whole number from 10 on."""
+    """Return hours with two significant digits, or as a whole number if at least 10."""
     return f"{hours:,.0f}" if hours >= 10 else f"{hours:.2g}"
 
 

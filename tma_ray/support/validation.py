@@ -23,7 +23,7 @@ _DESCRIPTIONS: Final[dict[type, str]] = {
 
 
 def check_type(name: str, value: object, kind: type | tuple[type, ...], expected: str) -> None:
-    """Raise a TypeError if an argument has another type."""
+    """Raise a TypeError if the argument `name` is not of type `kind`."""
     if not isinstance(value, kind):
         raise TypeError(f"{name} = {value!r:.60}: expected {expected}")
 
@@ -47,7 +47,7 @@ def check_fields(record: Any) -> None:
 
 @cache
 def _kinds_of_fields(record: type) -> dict[str, tuple[tuple[type, ...], str]]:
-    """Return the accepted types of a dataclass's fields, with descriptions, by field."""
+    """Return the accepted types of each field of a dataclass, and their description, by field name."""
     fields = {}
     for name, hint in get_type_hints(record).items():
         hints = get_args(hint) if isinstance(hint, UnionType) else (hint,)
@@ -91,17 +91,17 @@ def check_pair(name: str, value: object, expected: str) -> None:
 
 
 def check_at_least(record: object, least: float, *names: str) -> None:
-    """Raise a ValueError if an attribute of `record` is below `least`."""
+    """Raise a ValueError if one of the attributes `names` of `record` is below `least`."""
     _check_attributes(record, names, lambda value: value >= least, f"at least {least}")
 
 
 def check_positive(record: object, *names: str) -> None:
-    """Raise a ValueError if an attribute of `record` is neither positive nor None."""
+    """Raise a ValueError if one of the attributes `names` of `record` is neither positive nor None."""
     _check_attributes(record, names, lambda value: value is None or value > 0, "more than 0")
 
 
 def check_shares(record: object, *names: str) -> None:
-    """Raise a ValueError if an attribute of `record` is not in [0, 1]."""
+    """Raise a ValueError if one of the attributes `names` of `record` is not in [0, 1]."""
     _check_attributes(record, names, lambda value: 0 <= value <= 1, "a share in [0, 1]")
 
 

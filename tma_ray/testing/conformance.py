@@ -33,13 +33,13 @@ SAVED_AFTER = (0, 1, 149, 150, 211)
 
 SET_BY_START = ("space", "knowledge", "rng")  # attributes that `Teacher.start` sets
 
-QUICK_SCENARIOS = 3  # scenarios played by the quick check; in others, it only starts the teacher
+QUICK_SCENARIOS = 3  # number of scenarios played by the quick check; in others, it only starts the teacher
 PROBED = 20  # number of tasks per probe
 
 
 @dataclass(frozen=True)
 class UndisturbedPlay:
-    """Reference play of a teacher: its tasks, its pickled states by episode, and its log."""
+    """Uninterrupted reference rollout of a teacher: its tasks, pickled states by episode, and log."""
 
     tasks: list[Any]
     states: Mapping[int, bytes]
@@ -65,7 +65,7 @@ class TeacherConformance:
         teacher: class of the teacher.
         hyperparameters: hyper-parameters for the tests, for instance smaller networks.
         scenarios: task spaces of the tests.
-        episodes: number of episodes of each play; more than `SAVED_AFTER`, and enough for updates.
+        episodes: number of episodes of each rollout; more than `SAVED_AFTER`, and enough for updates.
     """
 
     teacher: ClassVar[type[Teacher]]
@@ -162,7 +162,7 @@ class TeacherConformance:
             check_update(update, scenario.space, self._name)
 
     def test_the_seed_determines_the_curriculum(self, scenario: Scenario) -> None:
-        """Check that equal seeds give bit-for-bit equal tasks, and that another seed gives others."""
+        """Check that equal seeds give bit-identical tasks, and different seeds different ones."""
         tasks = self._undisturbed(scenario).tasks
         again = play(self._started(scenario), scenario, 0, self.episodes)
         assert first_difference(tasks, again) is None, (
@@ -264,7 +264,7 @@ class TeacherConformance:
         )
 
     def _undisturbed(self, scenario: Scenario) -> UndisturbedPlay:
-        """Return the cached reference play with seed 0."""
+        """Return the cached reference rollout with seed 0."""
         key = (type(self), scenario.name)
         if key not in _PLAYS:
             teacher = self._started(scenario)
@@ -281,7 +281,7 @@ def check_quickly(name: str) -> None:
     """Run the most important conformance tests of a teacher within seconds, without pytest.
 
     Args:
-        name: registered name or ``module:Name``, perhaps with hyper-parameters.
+        name: registered name or ``module:Name``, optionally with hyper-parameters.
 
     Raises:
         ValueError: if a test fails, with a remedy.

@@ -31,7 +31,7 @@ CURVE = tuple(f"at_{100 * (point + 1) // EVALUATIONS:02}" for point in range(EVA
 
 
 class ProcessLostError(RuntimeError):
-    """Error raised if a process of a pool was killed; it names the runs that may have been lost."""
+    """Error raised if a process of a pool was killed; its message names the runs that may be lost."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Scenarios of the conformance tests: task spaces, scripted students and resumed plays."""
+"""Scenarios of the conformance tests: task spaces, scripted students and resumed rollouts."""
 
 import importlib
 import pickle
@@ -80,11 +80,11 @@ def first_difference(first: Iterable[Any], second: Iterable[Any]) -> int | None:
 
 STEPS = 1_000  # length of episodes: 100 of them reach updates due every 100,000 steps
 VALUE_SHARE = 0.05  # discounted returns and state values as a share of the episodic return
-UNSTEADINESS = 60.0  # alternating change of the improving student's returns, which makes it master some tasks
+UNSTEADINESS = 60.0  # amplitude of the improving student's alternating returns, so that it masters some tasks
 
 
 class ScriptedStudent(StrEnum):
-    """Scripted student whose returns depend only on task and episode number, so that plays can be resumed."""
+    """Scripted student whose returns depend only on task and episode number, to make rollouts resumable."""
 
     IMPROVING = "improving"
     """Student that masters a growing share of the tasks, the easiest first."""

@@ -27,7 +27,7 @@ from tma_ray.testing.students import (
     report_episode,
 )
 
-EPISODES = 10_000  # default length of a run, equal to the paper's 20 million steps
+EPISODES = 10_000  # default number of episodes of a run, equal to the paper's 20 million steps
 EVALUATIONS = 20  # number of evenly spaced evaluations of a run, the last one at its end
 
 

@@ -40,14 +40,14 @@ DISCOUNT = 0.99  # gamma of simulated students; their rewards are constant withi
 StateValues = Callable[[NDArray[np.float32]], NDArray[np.float64]]  # from observations (n, o) to values (n,)
 Evaluate = Callable[
     [Task, bool], Outcomes
-]  # from tasks (n, d), and True for the deterministic policy, to outcomes
+]  # from tasks (n, d) and a flag, True for the deterministic policy, to outcomes
 
 
 def report_episode(teacher: Teacher, episode: Episode, state_values: StateValues, evaluate: Evaluate) -> None:
     """Report `episode` to `teacher` and answer its queries.
 
     Raises:
-        ValueError: if a query for a trajectory or an evaluation was not declared in its class.
+        ValueError: if a query for a trajectory or an evaluation was not declared in the teacher's class.
     """
     query = teacher.observe(episode)
     while query is not None:

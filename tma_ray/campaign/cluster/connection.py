@@ -34,11 +34,11 @@ OBJECT_STORE_BYTES: Final = 100_000_000
 """Size of the object store, in bytes: hardly anything passes through it, since results go to files."""
 
 CORE: Final = {"gcs_server": "head (GCS)", "raylet": "node manager (raylet)"}
-"""Display names of Ray's core processes by process name; Ray cannot work without them."""
+"""Ray's core processes, without which it cannot work: display names by process name."""
 
 HEAD_CHECK_SECONDS: Final = 2.0  # time between two checks of a head, and longest wait for a connection, s
 END_SECONDS: Final = 3.0  # longest wait for processes to end, s
-MARK: Final = "made-by-tma_ray"  # marker file of this package's folders; no other folder is removed
+MARK: Final = "made-by-tma_ray"  # file that marks this package's folders; no other folder is removed
 PREFIX: Final = "tma_ray-"  # prefix of these folders' names
 
 MAX_PARENT_BYTES: Final = (103 if sys.platform == "darwin" else 107) - len(
@@ -48,11 +48,11 @@ MAX_PARENT_BYTES: Final = (103 if sys.platform == "darwin" else 107) - len(
 
 
 TOKEN: Final = secrets.token_hex(32)
-"""Token of all local Ray instances of this process, since Ray caches the first token that it reads."""
+"""Token shared by all local Ray instances of this process, since Ray caches the first token it reads."""
 
 
 class LocalRayWatch:
-    """Monitor of a local Ray instance's processes, created before Ray starts."""
+    """Monitor of a local Ray instance's processes, to be created before Ray starts."""
 
     def __init__(self) -> None:
         self._unrelated = set(psutil.Process().children())
@@ -63,7 +63,7 @@ class LocalRayWatch:
         self._refreshed_at = -math.inf
 
     def refresh(self) -> None:
-        """Record new processes and the core processes with open ports, in about 30 ms.
+        """Record new processes and which core processes have open ports; takes about 30 ms.
 
         Core processes are direct children: children of the node manager share its name until they become
         workers, which may end at any time. A head that hangs after SIGTERM has closed its ports.
@@ -82,7 +82,7 @@ class LocalRayWatch:
                 elif process in self._serving:
                     self._closed.add(process)
 
-    def failure_reason(self, patience: float = 0.0) -> str | None:  # noqa: ARG002  # losses show at once
+    def failure_reason(self, patience: float = 0.0) -> str | None:  # noqa: ARG002  # losses are seen at once
         """Return a message that lists the lost core processes, or None; see `Watched`."""
         if time.monotonic() - self._refreshed_at >= HEAD_CHECK_SECONDS:
             self.refresh()
@@ -106,7 +106,7 @@ class LocalRayWatch:
                 process.kill()
 
     def wait(self) -> None:
-        """Wait for the processes to end, but for at most `END_SECONDS`."""
+        """Wait up to `END_SECONDS` for the processes to end."""
         psutil.wait_procs(self._started, timeout=END_SECONDS)
 
 
@@ -122,14 +122,14 @@ class LocalHead:
     """Head of a private Ray instance whose processes are children of this process.
 
     Its servers listen on the loopback address only, metrics servers are off, and every request needs a token
-    known only to its processes. Its files are in a folder that only this user can open, and are removed.
+    known only to its processes. Its files are in a folder that only this user can open, removed at exit.
 
     Raises:
         HeadLostError: if Ray does not start; its processes have been killed.
     """
 
     def __init__(self, options: dict[str, Any]) -> None:
-        # Without this variable, Ray would write a token into the user's home.
+        # Without this variable, Ray would write a token into the user's home folder.
         os.environ.setdefault("RAY_AUTH_TOKEN", TOKEN)
         self._watch, self._left = LocalRayWatch(), False
         self._address, folder = "", private_folder()
@@ -204,7 +204,7 @@ def private_folder() -> Path | None:
     if len(os.fsencode(parent)) > MAX_PARENT_BYTES:
         parent = Path("/tmp")  # noqa: S108  # a new folder is made there
     for folder in parent.glob(f"{PREFIX}*"):
-        with suppress(OSError):  # skip folders that are another user's, in use, or hold foreign files
+        with suppress(OSError):  # skip folders that belong to another user, are in use, or hold other files
             descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
             try:
                 fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -219,7 +219,7 @@ def private_folder() -> Path | None:
 
 
 def _remove(folder: Path) -> None:
-    """Remove a marked folder, and its marker file last, to make interrupted removals repeatable."""
+    """Remove a marked folder, its marker file last, so that an interrupted removal can be repeated."""
     if (folder / "ray").exists():
         shutil.rmtree(folder / "ray")
     (folder / MARK).unlink()
@@ -308,11 +308,11 @@ class JoinedHead:
 
 @dataclass(frozen=True)
 class Connection:
-    """The connection of this process to Ray.
+    """Connection of this process to Ray.
 
     Attributes:
         head: watched head.
-        shipped: True if plug-ins were shipped to the workers, which needs a new connection.
+        shipped: True if plug-ins were shipped to the workers, which is only possible on a new connection.
         is_own: True if this process started Ray, whose workers then use the same installation.
     """
 
@@ -364,7 +364,7 @@ MAX_SHIPPED_BYTES = 20 * 2**20
 
 @contextmanager
 def runtime_environment(sources: Sequence[PluginSource]) -> Iterator[dict[str, Any] | None]:
-    """Context manager of a Ray runtime environment that ships plug-ins to all workers of a job.
+    """Context manager that yields a Ray runtime environment with plug-ins for all workers of a job.
 
     It ships copies: edits during a campaign do not reach the workers. Installed packages are not shipped;
     every node needs them.
@@ -396,7 +396,7 @@ def runtime_environment(sources: Sequence[PluginSource]) -> Iterator[dict[str, A
 
 
 def use_shipped() -> None:
-    """Put the shipped plug-ins first on the search path of this worker."""
+    """Put the shipped plug-ins first on this worker's module search path."""
     try:
         shipped = importlib.import_module(PACKAGE)
     except ModuleNotFoundError:  # nothing was shipped

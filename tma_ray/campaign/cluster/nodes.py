@@ -27,7 +27,7 @@ def resource_text(nodes: Sequence[Mapping[str, float]]) -> str:
 
 
 def working_nodes() -> list[dict[str, Any]]:
-    """Return the live nodes that may get a run, or all nodes if no worker has joined yet.
+    """Return the live nodes that can be given a run, or all nodes if no worker has joined yet.
 
     Every run needs some share of a core, which the head node of many clusters does not offer.
     """
@@ -57,7 +57,7 @@ def cluster_nodes(address: str, *, gpus: bool, autoscaling: bool) -> Nodes:
 
 
 def autoscaled_nodes(heads: Collection[str], *, gpus: bool) -> list[dict[str, float]]:
-    """Return the nodes that the autoscaler on this machine may start, largest first.
+    """Return the resources of the nodes that the autoscaler on this machine may start, largest first.
 
     Args:
         heads: possible addresses of the cluster's head.

@@ -1,4 +1,4 @@
-"""Protocols of a monitored Ray head, and a context manager that ends a process on the head's loss."""
+"""Protocols of a monitored Ray head, and a context manager that ends the process if the head is lost."""
 
 import os
 import sys
@@ -14,10 +14,10 @@ class Watched(Protocol):
     """Ray cluster whose head is monitored while a campaign runs."""
 
     def failure_reason(self, patience: float) -> str | None:
-        """Return the reason if the head is lost, else None; it may be silent for `patience` seconds."""
+        """Return why the head counts as lost, or None; silence counts only after `patience` seconds."""
 
     def kill(self) -> None:
-        """Kill Ray's remaining processes if this process started Ray; do not call Ray."""
+        """Kill Ray's remaining processes if this process started Ray, without calling Ray."""
 
 
 class Head(Watched, Protocol):
@@ -57,7 +57,7 @@ def exit_on_head_loss(
 ) -> Iterator[None]:
     """Context manager that ends this process with a message and exit code `RAY_LOST` if Ray's head is lost.
 
-    A call of Ray without a head blocks uninterruptibly until Ray ends the process silently, after 60 s. The
+    Without a head, a call to Ray blocks uninterruptibly until Ray ends the process silently, after 60 s. The
     block has `grace` seconds to notice the loss and end itself; `conclude` runs last and may not call Ray.
     """
     done = threading.Event()

@@ -38,7 +38,8 @@ def system_config() -> dict[str, Any]:
 def head_address(address: str) -> str:
     """Return the "host:port" of the head to which an `address` such as "auto" refers.
 
-    Publicly only `ray.init` resolves it, but also connects. Tested by ``tests/campaign/test_joined_head.py``.
+    The only public function that resolves it, `ray.init`, also connects.
+    Tested by ``tests/campaign/test_joined_head.py``.
 
     Raises:
         ConnectionError: if no head is found.

@@ -41,7 +41,7 @@ def node_strategy(node: str, avoid: Sequence[str] = ()) -> Any:
 
 
 def launcher(kind: type, resources: Resources, strategy: Any, concurrent_calls: int) -> Any:
-    """Return a factory of actors of class `kind`, which Ray does not restart; ``remote`` creates one."""
+    """Return a Ray actor class for `kind`, whose ``remote`` creates an actor that Ray never restarts."""
     remote: Any = ray.remote(kind)
     return remote.options(
         num_cpus=resources.cpus,
@@ -57,7 +57,7 @@ Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
 
 SEED_CALLS = 4
-"""Concurrent calls of a seed actor: the run, a repeated call that waits for it, a report, a stop request."""
+"""Concurrent calls to a seed actor: `run`, a repeated call that waits for it, a report, a stop request."""
 
 
 class TeacherActor(InlineTeacher):
@@ -96,7 +96,7 @@ def _remote(
 
 
 class RemoteTeacher:
-    """Link to a teacher actor on this node that ends with this process; see `TeacherLink`."""
+    """Link to a teacher in an actor on this node; the actor ends with this process. See `TeacherLink`."""
 
     def __init__(self, spec: RunSpec) -> None:
         this_node = node_strategy(ray.get_runtime_context().get_node_id())
@@ -177,7 +177,7 @@ def reason_for_loss(error: Exception) -> str:
 
 
 LEARNER_CALLS = 6
-"""Concurrent calls of a learner actor: `open` and `serve`, both repeatable, and a report."""
+"""Concurrent calls to a learner actor: `open` and `serve`, both repeatable, and a report."""
 
 WINDOW_SECONDS = 30.0  # time over which speed and utilisation are averaged, s
 

@@ -1,4 +1,4 @@
-"""The protocol of executors, which start attempts at runs, report on them and stop them."""
+"""Protocol of executors, which start attempts at runs, report on them and stop them."""
 
 from collections import deque
 from collections.abc import Sequence

@@ -63,7 +63,7 @@ def stack_keys(specs: Sequence[RunSpec]) -> dict[str, StackKey]:
 
 
 PROCESS_GIB = {"cpu": 1.0, "cuda": 4.0}  # memory of a learner's process without its replay buffers, GiB
-ROW_BYTES = 4.2  # bytes per number of a transition, with each observation stored once
+ROW_BYTES = 4.2  # bytes per stored number of a transition; each observation is stored once
 
 
 def learner_resources(
@@ -104,7 +104,7 @@ def check_room(settings: ExecutionConfig, specs: Sequence[RunSpec], keys: Mappin
     """Check that a learner and a run fit on some node; without one, Ray would queue them forever.
 
     Raises:
-        ValueError: if no node can.
+        ValueError: if they fit on no node.
     """
     learner = learner_resources(settings, specs, keys)
     nodes = [node["Resources"] for node in living_nodes()]
@@ -208,7 +208,7 @@ class Cohorts:
         return run_id in self._blameless
 
     def update(self, *, over: bool) -> Sequence[LearnerProgress]:
-        """Update all learners, end idle ones if `over`, and return the progress of the learners."""
+        """Poll all learners, end lost ones (and idle ones if `over`), and return the others' progress."""
         for cohort in list(self._cohorts):
             if not self._lives(cohort) or (over and not cohort.runs):
                 self._end(cohort)

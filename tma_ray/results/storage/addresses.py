@@ -176,7 +176,7 @@ def _reached(where: str) -> Iterator[None]:
 
     Raises:
         FileNotFoundError: if the server reports a missing file.
-        ObjectStoreError: if the server is unreachable, or refuses.
+        ObjectStoreError: if the server is unreachable, or refuses the request.
     """
     try:
         yield

@@ -194,7 +194,7 @@ class Store(ABC):
         """
 
     def clear_temporaries(self, older_than: float) -> None:  # noqa: B027 - only a disk keeps any
-        """Delete temporary files on a disk that are older than `older_than`, in seconds."""
+        """Delete temporary files that are older than `older_than` seconds."""
 
     def check_listable(self) -> None:  # noqa: B027 - missing folders are empty
         """Raise an ObjectStoreError if a bucket does not exist or cannot be listed."""
@@ -301,7 +301,7 @@ def retry(
     Args:
         action: repeatable operation.
         seconds: time limit of the repetitions, s.
-        give_up: condition that ends them, checked before every pause.
+        give_up: condition that ends the repetitions, checked before every pause.
 
     Raises:
         StorageError: if it still fails after `seconds`, or `give_up` returned True.

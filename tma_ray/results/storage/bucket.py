@@ -29,7 +29,7 @@ from tma_ray.support.decoding import MOST_TEXT_BYTES, check_size
 ATTEMPTS: Final = 10  # attempts per request, with growing random pauses of about a minute in total
 
 PARAMETERS: Final = {"s3": ("region", "scheme", "endpoint_override"), "gs": ("scheme", "endpoint_override")}
-"""Query parameters of URIs."""
+"""Query parameters that URIs may have, by scheme."""
 
 _ADVICE: Final = {
     "NoSuchBucket": "the bucket does not exist; create it, or correct the root",
@@ -257,7 +257,7 @@ def _open(scheme: str, bucket: str, options: Mapping[str, str]) -> Any:
         "read_timeout": timedelta(seconds=30),  # copies of large objects take a long time
         "timeout": timedelta(hours=1),  # for slow connections
     }
-    # each pause is uniform between the first one and `base` times the previous one
+    # each pause is drawn uniformly between the first one and `base` times the previous one
     pauses = {"init_backoff": timedelta(seconds=0.5), "max_backoff": timedelta(seconds=20), "base": 3.5}
     retries: Any = {"max_retries": ATTEMPTS - 1, "retry_timeout": timedelta(hours=1), "backoff": pauses}
     config: Any = {"endpoint" if scheme == "s3" else "base_url": endpoint} if endpoint else {}

@@ -44,7 +44,7 @@ _LACKS: Final = frozenset({errno.EINVAL, errno.ENOSYS, errno.ENOTSUP, errno.EOPN
 """Error numbers of operations that a file system lacks or forbids."""
 
 _NO_SYNC: Final = (_LACKS | {errno.EACCES, errno.EBADF, errno.EISDIR}) - {errno.EPERM}
-"""Error numbers on opening or syncing folders that are ignored, as in PostgreSQL."""
+"""Error numbers to ignore when opening or syncing a folder, as in PostgreSQL."""
 
 CHECKOUT: Final = (".git", "pyproject.toml")  # files in the top folder of a source checkout
 
@@ -55,7 +55,7 @@ FILE_ENDINGS: Final = (".json", ".parquet", ".safetensors", ".log")  # suffixes 
 class FolderStore(Store, schemes=("", "file")):
     """Folder of a file system; files are written under temporary names, synced and renamed.
 
-    Symbolic links out of the root are never followed. Folders are moved to temporary files before deletion.
+    Symbolic links out of the root are never followed. Folders are renamed to temporary paths before deletion.
     """
 
     @classmethod
@@ -226,7 +226,7 @@ def explained_disk(where: str, kinds: Collection[int] | None = None) -> Iterator
 
 
 def write_file(target: Path, temporary: Path, data: bytes, *, exclusive: bool = False) -> bool:
-    """Write a file atomically by renaming a temporary one; return False if it exists and `exclusive`."""
+    """Write a file atomically by renaming a temporary one; if `exclusive`, return False if it exists."""
     make_folder(target.parent)
     try:
         with temporary.open("wb") as file:
@@ -296,7 +296,7 @@ def make_folder(folder: Path) -> None:
 
 
 def sync_folder(folder: Path) -> None:
-    """Sync the names in a folder to disk if the file system supports it."""
+    """Sync a folder's entries to disk if the file system supports it."""
     try:
         descriptor = os.open(folder, os.O_RDONLY)
         try:
