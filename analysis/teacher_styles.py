@@ -38,7 +38,7 @@ _STYLES = {
     "spdl": TeacherStyle("#a89a00", "p", "-"),
 }
 
-# Colours of other teachers, at least 30 from each other and from those above in CIE L*a*b*.
+# Colours of other teachers, at a CIE L*a*b* distance of at least 30 from each other and from those above.
 _OTHER_COLOURS = (
     "#3333dd", "#e23de2", "#000059", "#e20051", "#00a600", "#590000", "#3d5bf2", "#cc8866",
     "#3c5900", "#cc0088", "#591643", "#ca79f2", "#f20000", "#6e00a6", "#593b00", "#6e53a6",

@@ -1,4 +1,4 @@
-"""Baselines: published results, and packed campaigns with checksums."""
+"""Baselines: published results, and releases of campaigns with checksums."""
 
 from analysis.baselines.catalogue import (
     About,

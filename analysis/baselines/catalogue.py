@@ -31,7 +31,7 @@ class BaselineError(ValueError):
 
 
 class BaselineKind(StrEnum):
-    """Kind of baseline: with runs, or with published results alone."""
+    """Kind of baseline: runs, or published results only."""
 
     RUNS = "runs"
     """Tables of a results root."""
@@ -166,7 +166,7 @@ class BaselineManifest:
 SHIPPED: Final = Path(__file__).parent  # folder of the baselines shipped with the package
 
 BASELINES_VARIABLE: Final = "TMA_BASELINES"
-"""Environment variable with baselines and folders of baselines, separated as in PATH."""
+"""Environment variable that lists baselines and folders of baselines, separated as in PATH."""
 
 
 @dataclass(frozen=True)
@@ -183,7 +183,7 @@ class Baseline:
 
     @classmethod
     def open(cls, location: str | Path) -> "Baseline":
-        """Return the baseline at a folder or an ``s3://`` or ``gs://`` address.
+        """Open the baseline in a folder or at an ``s3://`` or ``gs://`` address.
 
         Raises:
             BaselineError: if there is none.

@@ -180,9 +180,9 @@ def _release_folder(name: str, output: Path | None) -> Path:
 
 
 def _refuse_unfinished(frames: Frames, partial: bool, lacking: str) -> str:
-    """Check that a root is finished (unless `partial`), and return a text on its missing runs.
+    """Check that a root is finished (unless `partial`), and return a description of its missing runs.
 
-    The text of a finished root is `lacking`.
+    The description is `lacking` if the root is finished.
 
     Raises:
         BaselineError: if a campaign is running, or the root is empty or, unless `partial`, incomplete.
@@ -301,7 +301,7 @@ def add_to_release(
         cells = source.table(results.Table.CELLS, columns=["campaign", "run_id"]).to_pandas().astype(str)
         planned = cells.groupby("campaign")["run_id"].nunique().to_dict()
         for campaign, count in before.planned.items() if before else ():
-            planned[campaign] = max(count, planned.get(campaign, 0))  # `root` may lack some of them
+            planned[campaign] = max(count, planned.get(campaign, 0))  # `root` may list fewer runs
         _complete(_draft(name, licence, about, before, "", planned), aside, added)
         if folder.exists():
             old = folder.parent / f".{folder.name}-{uuid4().hex[:8]}-old"

@@ -36,7 +36,7 @@ class PanelResults:
     """Results of one panel, with the pairs of teachers that differ significantly."""
 
     titles: tuple[str, str]  # titles of the panel's row and column
-    rows: pd.DataFrame  # mean, whisker, and whether the result is doubtful, by teacher
+    rows: pd.DataFrame  # mean, whisker and doubt of each result, by teacher
     different: list[Pair]  # pairs that differ significantly
     untested: list[Pair]  # pairs without a test
 
@@ -176,7 +176,7 @@ def _brackets(
 def _letters(
     results: PanelResults, teachers: Sequence[str], start: float, lane: float
 ) -> Iterator[tuple[int, base.Mark]]:
-    """Yield the lane and label of each letter of a teacher, "?" for a teacher without any test."""
+    """Yield the lane and label of each teacher's letters, or of "?" for a teacher without any test."""
     names = list(results.rows.index)
     never = [name for name in names if sum(name in pair for pair in results.untested) >= len(names) - 1]
     letters = compact_letter_display([name for name in names if name not in never], results.different)
@@ -202,7 +202,7 @@ def _notes(panels: Sequence[PanelResults], brackets: bool) -> Iterator[str]:
 
 
 def compact_letter_display(names: Sequence[str], different: Iterable[Pair]) -> dict[str, list[int]]:
-    """Return a compact letter display: two names share a letter if they do not differ significantly.
+    """Return a compact letter display: names share a letter exactly if they do not differ significantly.
 
     Piepho's insert-and-absorb algorithm (Journal of Computational and Graphical Statistics 13, 2004) needs no
     order among names, so it is exact for tests with unequal variances, which are not transitive.

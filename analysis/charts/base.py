@@ -25,7 +25,7 @@ ONE_COLUMN, TWO_COLUMNS, PAGE_WIDTH = 3.3, 6.9, 10.2
 """Widths of a paper's column, of both columns, and of a page on the screen, in inches."""
 
 LEAST_PERCENT = 5.0
-"""Smallest upper end of axes of mastered %, so that a single mastered task of a hundred stays near 0."""
+"""Smallest upper end of axes of mastered %, so that one mastered task out of a hundred stays near 0."""
 
 TEACHERS_PER_PANEL = 8  # largest number of teachers in one panel, besides Random
 LONGEST_NAME = 38  # largest number of characters of a teacher's name in a chart
@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 
 
 class AxisKind(StrEnum):
-    """Quantity of an axis."""
+    """Quantity shown on an axis."""
 
     NUMBER = "number"
     STEPS = "steps"
@@ -264,7 +264,7 @@ class Chart:
     caption: str = ""  # caption on a page: content and number of runs
     heading: str = ""  # text above all panels on paper
     note: str = ""  # text below all panels on paper
-    keys: Sequence[LegendEntry] = ()  # entries of the legend for markers
+    keys: Sequence[LegendEntry] = ()  # legend entries for markers
     legend: Legend = Legend.TOP  # position of the legend
     size: tuple[float, float] = (5.2, 3.5)  # width and height on paper without the legend, in inches
     letters: float = 8.5  # font size on paper, in points

@@ -37,7 +37,7 @@ CURVES = (
     ("evaluation_return", "Mean return on the test set", "Return on the test set"),
     ("training_return", "Mean return of training episodes", "Return in training"),
 )
-"""Column, label of the axis and title of each learning curve."""
+"""Column, axis label and title of each chart of learning curves."""
 
 MOST_DIMENSIONS = 20  # largest number of varied dimensions that are drawn one by one
 
@@ -199,7 +199,7 @@ def _training_tasks(comparison: TeacherComparison, teachers: Iterable[str]) -> C
 
 
 def points_of(along: pd.DataFrame, ends: pd.DataFrame, column: str) -> pd.DataFrame:
-    """Return one row per evaluation of each run and one for its end: teacher, seed, step or `END`, value."""
+    """Return teacher, seed, step and value at each evaluation of a run, and at its end (step `END`)."""
     columns = ["teacher", "seed", "step", column]
     parts = [along[columns].astype({"step": object}), ends[[*columns[:2], column]].assign(step=END)]
     return pd.concat(parts, ignore_index=True).rename(columns={column: "value"})

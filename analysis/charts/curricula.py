@@ -34,7 +34,7 @@ QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 UPDATES = 24  # largest number of teacher updates that are drawn, evenly spaced over a run
 
 MOST_FRAMES, MOST_SHOTS = 60, 12
-"""Largest numbers of frames and panels of an animation, which keep it under a few megabytes."""
+"""Largest numbers of frames and panels of an animation, so that its file stays under a few megabytes."""
 
 Run = TypeVar("Run")
 
@@ -159,7 +159,7 @@ def _checked(shots: Sequence[Shot], steps: Sequence[int] | None) -> list[int]:
 
 
 def curriculum_strip(curricula: Mapping[str, RunCurriculum], plane: tuple[Axis, Axis]) -> base.Chart:
-    """Return training tasks coloured by return, with a row per teacher and a column per part of the run."""
+    """Return a chart of training tasks coloured by return: a row per teacher, a column per part of a run."""
     view, colours = TaskView(plane), return_colours(curricula)
     rows: list[list[base.Panel]] = []
     for teacher, side in short_labels(curricula, 16).items():

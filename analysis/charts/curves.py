@@ -47,7 +47,7 @@ def learning_curves(
     ceiling: float | None = None,
     against: str = base.STEPS,
 ) -> base.Chart:
-    """Return the learning curve of each teacher: mean ± one standard error over runs, against steps.
+    """Return a chart of each teacher's learning curve: mean ± one standard error over runs, against steps.
 
     Args:
         table: teacher, step, n, mean and standard_error, of `measures.evaluations.aggregate`.
@@ -73,7 +73,7 @@ def learning_curves(
 
 
 def learning_curve(curves: pd.DataFrame, value: str, ylabel: str) -> base.Chart:
-    """Return the learning curves of a comparison, from a table of its runs.
+    """Return a chart of the learning curves of a comparison, from a table of its runs.
 
     Args:
         curves: teacher, run_id, step and `value`.
@@ -84,7 +84,7 @@ def learning_curve(curves: pd.DataFrame, value: str, ylabel: str) -> base.Chart:
 
 
 def _rows_by_teacher(table: pd.DataFrame) -> dict[str, base.Array]:
-    """Return each teacher's rows with a mean as an array (rows, 4): step, mean, standard_error, n."""
+    """Return each teacher's rows, except missing means, as an array (rows, 4): step, mean, error, n."""
     columns = ("step", "mean", "standard_error", "n")
     rows = np.column_stack([table[column].to_numpy(np.float64) for column in columns])
     teachers, known = table["teacher"].to_numpy(object), ~np.isnan(rows[:, 1])
@@ -194,7 +194,7 @@ class CurvePanel:
 
 
 def curves_with_stars(panels: Sequence[CurvePanel], every: int = STAR_STEPS, columns: int = 2) -> base.Chart:
-    """Return learning curves (mean ± standard error), with stars where a line differs from the reference.
+    """Return a chart of learning curves (mean ± standard error), starred where they differ from a reference.
 
     Colours and markers denote teachers; dashes and marker fills denote levels of expert knowledge. Each line
     has a row of stars, full where it is significantly above the reference, hollow where it is below.
@@ -267,7 +267,7 @@ def _kind(measure: str) -> base.AxisKind:
 
 
 def _star_keys(panels: Sequence[CurvePanel], stars: Sequence[pd.DataFrame]) -> Iterator[base.LegendEntry]:
-    """Yield the legend entries of full and hollow stars, if there are any."""
+    """Yield the legend entries of filled and hollow stars, if there are any."""
     tests = [panel.tests for panel in panels if panel.tests is not None and len(panel.tests)]
     references = sorted({str(name) for table in tests for name in table["second"]})
     levels = any("teacher" in table for table in tests)
@@ -384,7 +384,7 @@ def _check_single(runs: pd.DataFrame, columns: Sequence[str]) -> None:
 def pairwise_curves(
     curves: pd.DataFrame, tests: pd.DataFrame, measure: str = "mastered_percent", name: str = base.MASTERED
 ) -> base.Chart:
-    """Return a panel per pair of teachers, with mean ± standard error of both against steps.
+    """Return a chart with a panel per pair of teachers: mean ± standard error of both, against steps.
 
     Stars mark the steps of significant differences, in the colour of the better teacher. More than
     `MOST_PAIR_ROWS` + 1 teachers have a matrix of the differences at the last step instead.
@@ -454,7 +454,7 @@ def _pair_stars(tests: pd.DataFrame, pair: tuple[str, str], height: float) -> It
 def _difference_matrix(
     table: pd.DataFrame, tests: pd.DataFrame, teachers: Sequence[str], name: str
 ) -> base.Chart:
-    """Return a matrix of differences, row teacher minus column teacher, with dots on significant ones."""
+    """Return a heatmap of differences, row teacher minus column teacher, with dots on significant ones."""
     last = table["step"].max()
     means = table[table["step"] == last].set_index("teacher")["mean"].reindex(teachers).to_numpy(float)
     differences = means[:, None] - means[None, :]

@@ -328,7 +328,7 @@ def course_chart(
     margins: Mapping[str, float],
     name: str = "course",
 ) -> base.Chart:
-    """Return a panel per comparison: differences with intervals by look, boundaries, equivalence margin.
+    """Return a chart with a panel per comparison: differences with intervals by look, boundaries, margin.
 
     Args:
         courses: rows of `trials.interim.course` by measure and reference, with a row of panels per measure.

@@ -19,7 +19,7 @@ ACROSS = 180  # width of a row of squares, in CSS pixels
 def mastery_chart(
     shares: pd.DataFrame, tasks: pd.DataFrame, axes: Sequence[Axis], name: str = "mastery", caption: str = ""
 ) -> base.Chart:
-    """Return a panel per teacher with a mark per test task, darker the more runs master it.
+    """Return a chart with a panel per teacher and a mark per test task, darker the more runs master it.
 
     Tasks with two dimensions lie on the task plane, others in a square, the most mastered ones first.
 

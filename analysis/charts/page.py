@@ -71,7 +71,7 @@ class PageChart:
 
 
 def on_page(chart: base.Chart) -> PageChart:
-    """Return a chart for pages, with a plot per panel."""
+    """Convert a chart to a `PageChart`, with a plot per panel."""
     counts, seen, plots = Counter(panel.teacher for panel in chart.all_panels), Counter[str](), []
     for panel in chart.all_panels:
         seen[panel.teacher] += 1
@@ -404,7 +404,7 @@ def _transparent(colour: str, opacity: float) -> str:
 
 @cache
 def colour_scale(name: str) -> list[list[Any]]:
-    """Return a colour scale of plotly.py, since plotly.js uses the same names for different scales."""
+    """Return a colour scale as defined by plotly.py; plotly.js uses the same names for other scales."""
     return [[position, colour] for position, colour in get_colorscale(name)]
 
 

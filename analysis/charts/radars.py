@@ -57,7 +57,7 @@ def radar(
     challenges: Sequence[Matrix] = STUMP_TRACKS_CHALLENGES,
     original: Matrix = ORIGINAL_SPACE,
 ) -> base.Chart:
-    """Return radars of results as ratios to Random's mean, with an axis per challenge and a panel per level.
+    """Return radar charts of results as ratios to Random's mean: an axis per challenge, a panel per level.
 
     Stars at the end of an axis mark teachers that are significantly better than Random; markers are filled
     where teachers differ from Random. A plus is the best result on the original space as a ratio to Random's

@@ -49,7 +49,7 @@ class TaskView:
         return "task {x}, {y}" if self.plane else "{y} of the range"
 
     def scales(self) -> tuple[base.PanelAxis, base.PanelAxis]:
-        """Return the axes of a panel."""
+        """Return the horizontal and the vertical axis of a panel."""
         if self.plane:
             return task_axis(self.axes[0]), task_axis(self.axes[1])
         names = {str(index): self.axes[index].name.partition(" (")[0] for index in self.varied}

@@ -56,7 +56,7 @@ NO_BREAK = "\N{NO-BREAK SPACE}"
 COLUMN_AXES = (FINAL, HEADLINE)  # measures in the order of the columns
 
 TEACHER_WIDTH = 18
-"""Width of the teacher column in the terminal, in characters, so that a board fits into 100."""
+"""Width of the teacher column in the terminal, in characters; a whole board then fits into 100."""
 
 CHALLENGE_WIDTH = 11  # width of a challenge's column, in characters; six of them fit on a line
 
@@ -201,7 +201,7 @@ def _trial_lines(location: str) -> Iterator[str]:
 
 
 def trials_markdown(location: str) -> Iterator[str]:
-    """Yield Markdown on the trials through which teachers joined a release."""
+    """Yield Markdown paragraphs on the trials through which teachers joined a release."""
     rows, head = [], list[str]()
     for design, look in _joined(location):
         head = ["teacher", "seeds"]
@@ -217,7 +217,7 @@ def trials_markdown(location: str) -> Iterator[str]:
 
 
 def folded(summary: str, text: str) -> str:
-    """Return Markdown of a collapsible section, with `summary` as its title."""
+    """Return a collapsible section in Markdown, with `summary` as its title."""
     return f'<details markdown="1"><summary>{summary}</summary>\n\n{text}\n\n</details>'
 
 

@@ -23,7 +23,7 @@ from tma_ray.support.component_names import nearest
 
 
 class Written(NamedTuple):
-    """Written files, with warnings on missing data."""
+    """Written files, with warnings about missing data."""
 
     files: tuple[Path, ...]  # files of tables, or vector, PNG and GIF files of figures
     warnings: tuple[str, ...]  # sentences on limits of the data

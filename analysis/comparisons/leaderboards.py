@@ -31,7 +31,7 @@ THRESHOLDS = (25, 50, 75)
 """Percentages of mastered test tasks above which tables count runs."""
 
 BLOCK_COLUMNS = [*ACROSS, "block", "challenges", "of"]
-"""Columns of a block of rows of `overall`: the teachers of one set of challenges."""
+"""Columns that identify a block of rows of `overall`: the teachers on one set of challenges."""
 
 CREDIBLE = 0.95
 """Least probability that the teachers of `Leaderboard.best` include the best one."""
@@ -225,7 +225,7 @@ def challenge_sets(runs: pd.DataFrame) -> Iterator[tuple[pd.DataFrame, int]]:
 
 
 def _distinction(where: Mapping[str, Any], part: pd.DataFrame, runs: pd.DataFrame) -> list[str]:
-    """Return as text the environments and conditions that set `part` apart from the other `runs`."""
+    """Return the environments and conditions (as text) that set `part` apart from the other `runs`."""
     for name in ("expert_knowledge", "steps", "engine", "physics_version"):
         runs = runs[runs[name].astype(str) == str(where[name])]
     environments = sorted(part["environment"].unique())
@@ -365,7 +365,7 @@ def _named_conditions(runs: pd.DataFrame) -> list[str]:
 
 
 def _block_title(row: pd.Series, named: Sequence[str]) -> str:
-    """Return the level and conditions of a block, and its number of challenges if it lacks some."""
+    """Return the level and conditions of a block, and its number of challenges if these are not all."""
     words = [f"expert knowledge {row['expert_knowledge']}", *condition_words(row, named)]
     if row["challenges"] < row["of"]:
         words.append(f"{row['challenges']} of {row['of']} challenges")

@@ -53,7 +53,7 @@ FRAME = ["measure", "first", "second", "family", "challenges", "fewest", *TEST, 
 
 CORE, NEWCOMERS = "core", "newcomers"
 """Families of tests between core teachers, and between newcomers. Tests of a newcomer against the core are a
-family with its name."""
+family named after it."""
 
 Randoms: TypeAlias = Mapping[Any, pd.DataFrame]
 
@@ -423,7 +423,7 @@ class _Sample:
 
     @cached_property
     def parts(self) -> dict[tuple[Hashable, str], Description]:
-        """Description (size, mean, deviation) of each stratum, by challenge and name."""
+        """Size, mean and standard deviation of each stratum, by challenge and name."""
         return {
             (challenge, stratum): describe(sample)
             for challenge, strata in self.challenges.items()

@@ -20,8 +20,8 @@ from analysis.statistics.power import MOST_SEEDS, POWER, detectable_difference, 
 from tma_ray.benchmark import paper_results
 
 PAPER, LITE = "paper", ("lite-1", "lite-2")
-"""Sources of standard deviations: the paper's last evaluations, or the headline of the first release with a
-student of the plan."""
+"""Sources of standard deviations: the paper's last evaluations, or the headline measure in the first of
+these releases that has a student of the plan."""
 
 FLOOR = 5.0  # mastered % of the best teacher below which a challenge's deviations are unusable
 

@@ -203,7 +203,7 @@ def _same_challenge(places: pd.DataFrame, row: pd.Series) -> pd.Series:
 
 
 def _differences(row: pd.Series, yours: pd.DataFrame, baseline: ResultSet) -> str:
-    """Return as text the conditions in which a result of `baseline` differs from `yours`."""
+    """Return the conditions (as text) in which a result of `baseline` differs from `yours`."""
     if baseline.runs is None:
         differences = [f"engine {baseline.engine}"]
         if set(yours["steps"]) != {row["steps"]}:
@@ -220,7 +220,7 @@ def _differences(row: pd.Series, yours: pd.DataFrame, baseline: ResultSet) -> st
 
 
 def missing_challenges(yours: ResultSet, teachers: Sequence[str]) -> list[str]:
-    """Return as text the benchmark's challenges on which `teachers` have no result at any level."""
+    """Return a line for each of `teachers` without results on some benchmark challenges, naming these."""
     results = yours.table[yours.table["n"] > 0]
     challenges = dict.fromkeys((matrix.environment, matrix.challenge) for matrix in MATRICES)
     sentences = []

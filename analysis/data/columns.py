@@ -3,13 +3,13 @@
 from typing import Final
 
 CELL_COLUMNS = ["environment", "challenge", "embodiment", "student", "expert_knowledge"]
-"""Columns of a cell without its teacher."""
+"""Columns that identify a cell, except for its teacher."""
 
 COMPARISON = ["engine", "experiment", *CELL_COLUMNS]
 """Columns that teachers of a report must have in common to be compared."""
 
 GROUP = [*COMPARISON, "teacher"]
-"""Columns that seeds of a report must have in common to be averaged."""
+"""Columns that runs of a report must have in common to be averaged over seeds."""
 
 FROM_SPEC = ["engine", "mastery_threshold", "settings", "identity"]
 """Columns of runs that come from the spec: settings is a short hash of all but the seed, identity the JSON of
@@ -39,7 +39,7 @@ TABLE_CONDITIONS = [*CONDITIONS[:-1], "test_set"]
 """Columns of pooled results; a table has one value of each. test_set is empty for shipped test sets."""
 
 SETTINGS = ["steps", "test_sets", "engine", "physics_version", "mastery_threshold"]
-"""Columns that runs of a challenge must have in common for comparable results."""
+"""Columns that runs of a challenge must have in common to be comparable."""
 
 COMPARED = ["environment", "challenge", "pool", "expert_knowledge", *SETTINGS, "variant"]
 """Columns that teachers must have in common to be compared."""

@@ -80,7 +80,7 @@ def return_range(curricula: Mapping[str, RunCurriculum], mastery: float) -> tupl
     return min(low, mastery), max(high, mastery)
 
 
-MOST_MOMENTS = 6  # default of the largest number of steps at which a run is drawn
+MOST_MOMENTS = 6  # default maximum number of steps at which a run is drawn
 
 
 def moments(curricula: Mapping[str, RunCurriculum], count: int = MOST_MOMENTS) -> list[int]:

@@ -31,7 +31,7 @@ SHOWN_RUNS = 3
 """Largest number of runs named in a message."""
 
 STATUSES = ("done", "running", "failed", "waiting")
-"""States of the run of a cell; waiting is a cell whose run has not started."""
+"""States of a cell's run; "waiting" if it has not started."""
 
 P = ParamSpec("P")
 
@@ -48,7 +48,7 @@ class Frames:
             the threshold of its run.
         measured: one row per run and evaluation, of `loading.evaluation_measures`.
         test_tasks: test_set, task_index, task (float32 (d,)).
-        cell_warnings: warnings on cells and evaluations, to be read before trusting a comparison.
+        cell_warnings: warnings about cells and evaluations, to be read before trusting a comparison.
         results: source of the long tables.
         other_roots: sources of the long tables of runs that are not in `results`, by run id.
         core: campaigns whose teachers are compared in a family of their own; empty for all.
@@ -206,7 +206,7 @@ def unfailed(cells: pd.DataFrame) -> pd.DataFrame:
 def read_table(
     results: Results, table: Table, columns: list[str] | None = None, run_ids: Sequence[str] | None = None
 ) -> pd.DataFrame:
-    """Return a table with its strings as categories, since run ids repeat millions of times."""
+    """Return a table with its strings as categoricals, since run ids repeat millions of times."""
     rows = results.table(table, run_ids=None if run_ids is None else set(run_ids), columns=columns)
     frame: pd.DataFrame = rows.to_pandas(strings_to_categorical=True)
     return frame
@@ -241,7 +241,7 @@ def check_measure(name: str, table: object, measure: str, columns: Sequence[str]
 
 
 def with_plain_texts(frame: pd.DataFrame) -> pd.DataFrame:
-    """Return a frame with texts and categories as Python strings, and missing values unchanged.
+    """Return a frame with strings and categoricals as Python strings, and missing values unchanged.
 
     Tables are grouped by a dozen short names again and again. pandas groups Arrow's strings several times
     more slowly than objects, and merging unequal categories is fragile.
@@ -251,7 +251,7 @@ def with_plain_texts(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def training_warnings(training: pd.DataFrame) -> list[str]:
-    """Return a warning on training windows whose mean return is NaN or infinite, if there are any."""
+    """Return a warning about training windows whose mean return is NaN or infinite, if there are any."""
     windows = training[training["mean_return"].notna() & ~np.isfinite(training["mean_return"].astype(float))]
     nans = training[training["mean_return"].isna() & (training["episodes"] > 0)]
     if not len(windows) + len(nans):

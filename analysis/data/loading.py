@@ -28,7 +28,7 @@ def load(root: str | Path) -> Frames:
 
 
 def frames_of(results: Results) -> Frames:
-    """Return the frames of opened results; missing tables become empty, with a warning."""
+    """Return opened results as `Frames`; missing tables become empty, with a warning."""
     runs = with_settings(with_plain_texts(results.table(Table.RUNS).to_pandas()))
     cells = _join(with_plain_texts(read_table(results, Table.CELLS)), runs)
     cells, name_warnings = _named_cells(cells)
@@ -173,7 +173,7 @@ def evaluation_measures(evaluations: pd.DataFrame) -> pd.DataFrame:
 
 
 def _cell_warnings(cells: pd.DataFrame, evaluations: pd.DataFrame) -> list[str]:
-    """Return warnings on missing results, and on results of several engines."""
+    """Return warnings about missing results, and about results of several engines."""
     sentences = []
     if cells.empty:
         sentences.append("This root holds no runs yet.")
@@ -187,7 +187,7 @@ def _cell_warnings(cells: pd.DataFrame, evaluations: pd.DataFrame) -> list[str]:
 
 
 def _evaluation_warnings(measured: pd.DataFrame) -> list[str]:
-    """Return a warning on evaluations with NaN or infinite returns, if there are any."""
+    """Return a warning about evaluations with NaN or infinite returns, if there are any."""
     excluded = measured[measured["not_finite"] > 0]
     if excluded.empty:
         return []

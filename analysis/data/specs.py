@@ -14,7 +14,7 @@ from tma_ray.support.decoding import DamagedFileError, decode_json
 from tma_ray.tasks import MASTERY_RETURN
 
 OF_BODIES = ("embodiment", "original_embodiment")
-"""Environment options that repeat the column embodiment; the second occurs in imported runs."""
+"""Environment options that duplicate the embodiment column; the second occurs in imported runs."""
 
 BEFORE_VERSIONS = "before 1"  # version of algorithms in specs that predate version numbers
 

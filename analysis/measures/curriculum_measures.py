@@ -14,7 +14,7 @@ from tma_ray.support.validation import check_sequence, check_type
 from tma_ray.tasks import Dimension, Task, TaskSpace
 
 BINS = 10
-"""Grid cells along each dimension."""
+"""Number of grid cells along each dimension."""
 
 GRID_DIMENSIONS = 3
 """Largest number of free dimensions of a joint grid; with more, its cells outnumber any probe."""

@@ -28,7 +28,7 @@ def measure_names(shares: Sequence[float] = SHARES) -> list[str]:
 
 
 def steps_to(share: float) -> str:
-    """Return the column name of the first step with `share` of the final mastered %: steps_to_50_percent."""
+    """Return the column name of the first step with a share of the final mastered %, as in `run_measures`."""
     return f"steps_to_{round(100 * share)}_percent"
 
 
@@ -218,7 +218,7 @@ def trained_steps(frames: Frames) -> pd.DataFrame:
 
 
 def trained_shares(frames: Frames) -> pd.Series:
-    """Return the percentage of its steps on which each run trained, by run_id."""
+    """Return the percentage of each run's steps on which it trained, by run_id."""
     return trained_steps(frames).groupby("run_id")["trained_percent"].last()
 
 

@@ -60,7 +60,7 @@ SHARED: Final = frozenset({SIMULATED})
 (`docs/statistics.md`)."""
 
 Seeds: TypeAlias = Mapping[Hashable, Hashable]
-"""Seeds of paired runs by run id; runs that are not in it are independent."""
+"""Seeds of paired runs by run id; runs that are not listed are independent."""
 
 
 def seeds_to_pair(*tables: pd.DataFrame) -> Seeds:

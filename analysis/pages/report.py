@@ -216,7 +216,7 @@ class Video:
 
 
 def wanted_videos(measurements: Measurements) -> Iterator[WantedVideo]:
-    """Yield the videos of a report: of every teacher's best and worst finished seed by mastered tasks.
+    """Yield the videos of a report: each teacher's best and worst finished runs by mastered tasks.
 
     All policies of a comparison play the test task on which the returns of its runs differ most.
     """

@@ -12,7 +12,7 @@ CONFIDENCE = 0.95  # coverage of the confidence intervals
 TAIL = (1 + CONFIDENCE) / 2  # quantile of an interval's upper end
 
 SIGNIFICANCE = 0.05
-"""Significance level; p is significant strictly under it (paper, appendix on results)."""
+"""Significance level; p-values strictly below it are significant (paper, appendix on results)."""
 
 EQUAL = 1e-9  # relative tolerance for rounding errors of differences and deviations
 

@@ -271,7 +271,7 @@ def stratified(
 
 
 def stratum_weights(challenges: Sequence[Hashable]) -> list[float]:
-    """Return the weight of each stratum, given its challenge (n,): equal within a challenge, summing to 1.
+    """Return stratum weights that are equal and sum to 1 within each challenge, given challenges (n,).
 
     Leaderboards, tests, claims and trials use these weights: a challenge counts once, however many strata it
     has.

@@ -19,7 +19,7 @@ from tma_ray.support.quantities import expanded
 _NAMES: Final = "events.out.tfevents.*"
 
 _LENGTH: Final = struct.Struct("<Q")
-"""Header of a record, its size; header and record are each followed by a checksum of 4 bytes."""
+"""Header of a record: its size in bytes. Header and record are each followed by a checksum of 4 bytes."""
 
 
 def event_files(folder: Path) -> list[Path]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy import optimize, special
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(96)
-"""Gauss-Legendre quadrature on [-1, 1], by which crossing probabilities are exact to 1e-9."""
+"""Gauss-Legendre quadrature on [-1, 1], with which crossing probabilities are exact to 1e-9."""
 
 LOWEST = -9.0  # standard deviations below the mean at which densities are cut off
 HIGHEST = 40.0  # upper limit of the search for boundaries, where the tail is 0 in double precision

@@ -28,8 +28,8 @@ from tma_ray.support.texts import counted
 from tma_ray.tasks import KnowledgeLevel
 
 SCALES = {HEADLINE: Scale.ARCSINE, FINAL: Scale.PERCENT}
-"""Scale on which each measure of a trial is tested: the measure that it is designed for, whose spread grows
-with its mean, and the one that is reported beside it."""
+"""Scale on which each measure of a trial is tested: first the measure that the trial is designed for, whose
+spread grows with its mean, then the one that is reported beside it."""
 
 AXES = tuple(SCALES)  # measures of a trial
 
@@ -88,7 +88,7 @@ class Design:
     """Design of a trial, fixed before its first run."""
 
     teacher: str  # canonical name of the new teacher
-    release: str  # name of the release it is compared with
+    release: str  # name of the release with which the teacher is compared
     release_digest: str  # SHA-256 of the runs of the references and their results
     best: str  # teacher of the release with the highest mean of `HEADLINE`, other than Random
     candidates: int  # number of teachers among which `best` was selected
@@ -163,7 +163,7 @@ class Design:
         return replace(self, release_digest=_digest(released, self.references, self.keys))
 
     def differing(self, other: "Design") -> list[str]:
-        """Return a phrase for each setting that differs in another design."""
+        """Return a phrase for each setting in which another design differs."""
         first, second = self.to_dict(), other.to_dict()
         phrases = [
             f"{name}: {first[name]!r:.80}, not {second[name]!r:.80}"

@@ -54,7 +54,7 @@ class LookComparison:
     unbiased: float  # median-unbiased estimate, which allows for earlier looks; NaN after a verdict
     low: float  # lower end of the repeated confidence interval
     high: float  # upper end of the interval
-    verdict: TrialVerdict  # verdict by the interval
+    verdict: TrialVerdict  # verdict based on the interval
     power: float  # predictive power at the last look; 1 after a verdict
     within_budget: float  # predictive power at the last look within the budget
 

@@ -59,7 +59,7 @@ class Moments:
 class Estimand:
     """Estimand of a trial: the weighted mean of the cells' differences, in points."""
 
-    weights: Floats  # weight of each cell (cells,), with sum 1
+    weights: Floats  # weight of each cell (cells,), summing to 1
     slopes: Floats  # points per unit of the moments' scale (cells,)
     least: Floats  # `statistics.least_variance` of each cell (cells,), on the moments' scale
 
@@ -160,7 +160,7 @@ class DecisionRule:
     def power(
         self, teacher: Moments, reference: Moments, estimand: Estimand, last: int | None = None
     ) -> Floats:
-        """Return the predictive power at look `last`, by default the last look of all.
+        """Return the predictive power at look `last`, by default the final look.
 
         Conditional power, averaged over the differences that the seeds so far leave open (Spiegelhalter,
         Freedman and Blackburn, 1986).

@@ -247,7 +247,7 @@ def finish(figure: Figure, drawn: Drawn, chart: Chart) -> None:
 
 
 def _handles(chart: Chart) -> list[Line2D]:
-    """Return the legend handles of named marks and of keys."""
+    """Return the legend handles of a chart's named marks and keys."""
     marks = {mark.name: mark for panel in chart.all_panels for mark in panel.marks if mark.name}
     lines = [] if chart.legend is Legend.BESIDE else [line_handle(mark) for mark in marks.values()]
     return [*lines, *map(mark_handle, chart.keys)]

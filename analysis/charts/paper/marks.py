@@ -207,7 +207,7 @@ def _within(axis: base.PanelAxis, values: base.Array) -> bool:
 
 
 def _edges(centres: base.Array) -> base.Array:
-    """Return the edges (n + 1,) of cells with these centres (n,)."""
+    """Return the edges (n + 1,) of the cells whose centres are `centres` (n,)."""
     if len(centres) < 2:
         return np.array([centres[0] - 0.5, centres[0] + 0.5])
     middle = (centres[1:] + centres[:-1]) / 2
@@ -215,7 +215,7 @@ def _edges(centres: base.Array) -> base.Array:
 
 
 def mappable(colours: base.ColourScale) -> ScalarMappable:
-    """Return matplotlib's map from values to colours."""
+    """Return matplotlib's mapping from values to the colours of a scale."""
     return ScalarMappable(Normalize(colours.low, colours.high), colours.name)
 
 
