@@ -156,7 +156,7 @@ class BudgetComparison:
         return sorted(self.means.columns.get_level_values("budget").unique())
 
     def row(self, budget: int) -> list[str]:
-        """Return the table row of a later budget: correlation and reversed pairs for `FINAL` and `HEADLINE`."""
+        """Return a later budget's table row: correlation and reversed pairs for `FINAL` and `HEADLINE`."""
         by_measure = {
             agreement.measure: agreement for agreement in self.agreements if agreement.budget == budget
         }
