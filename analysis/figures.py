@@ -79,7 +79,7 @@ def animation(
         seconds: duration; the last frame stays for another second.
 
     Raises:
-        ValueError: if there are too many frames or runs, or as `film_strip`.
+        ValueError: if there are too many frames or runs, or as in `film_strip`.
     """
     return animate(curricula.film(shots, plane, frames), seconds)
 

@@ -58,8 +58,8 @@ _SHOWN_TOGETHER: ContextVar[Mapping[str, TeacherStyle]] = ContextVar(
 def teacher_style(teacher: str) -> TeacherStyle:
     """Return the style of `teacher`.
 
-    The style of a teacher that is not of the paper depends on its name, and within `shown_together` on the
-    other teachers, too.
+    The style of a teacher that is not in the paper depends on its name and, within `shown_together`, also on
+    the other teachers.
     """
     fixed = _STYLES.get(plain_name(teacher)) or _SHOWN_TOGETHER.get().get(teacher)
     return fixed or _style(_hashed(teacher))

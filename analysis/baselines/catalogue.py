@@ -97,7 +97,7 @@ class BaselineManifest:
         caveats: further limits of the results.
         holds: values of each column of the cells, and counts, by name.
         files: all other files in the folder.
-        benchmark_versions: versions of the benchmark among its runs, rising; 0 for older runs.
+        benchmark_versions: versions of the benchmark among its runs, ascending; 0 for older runs.
         core: campaigns that ``tma-ray campaign --like`` repeats, whose teachers are a family of comparisons;
             empty for all.
         planned: planned number of runs by campaign, for a release that grows by shards.
@@ -282,7 +282,7 @@ def as_baseline(root: str | Path) -> Baseline | None:
     Raises:
         BaselineError: if the baseline is damaged.
         ResultsRootError: if a name belongs to neither a folder nor a baseline.
-        TypeError: if `root` is neither text nor a path.
+        TypeError: if `root` is neither a string nor a path.
     """
     check_type("root", root, (str, Path), "a folder or an address")
     text = str(root)

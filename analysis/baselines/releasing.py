@@ -281,7 +281,7 @@ def add_to_release(
         The folder of the release.
 
     Raises:
-        ResultsRootError: if `root` does not exist, or a shard of that name does.
+        ResultsRootError: if `root` does not exist, or a shard of that name exists already.
         BaselineError: if the root has no new runs, root or release are damaged, or the release's folder holds
             other files.
     """

@@ -212,7 +212,7 @@ def compact_letter_display(names: Sequence[str], different: Iterable[Pair]) -> d
         different: pairs that differ significantly.
 
     Returns:
-        Indices of each name's letters, which are numbered by their first name.
+        Indices of each name's letters, which are numbered in the order of their first names.
     """
     groups = [frozenset(names)] if names else []
     for first, second in different:

@@ -3,7 +3,7 @@
 Each module of the package computes the `Chart` of one kind of figure. Renderers depend on marks and panels
 alone, so a new figure is a single module.
 
-Arguments in common: `name` is a chart's identifier on a page, `heading` its title, `caption` its content and
+Common arguments: `name` is a chart's identifier on a page, `heading` its title, `caption` its content and
 number of runs, and `quantity` the title of the axis of values.
 """
 

@@ -1,6 +1,6 @@
 """Charts of curricula: film strips, animations, training tasks, task dimensions, teachers' logs.
 
-Arguments in common: `curricula` has one run per teacher, and `plane` the two task dimensions.
+Common arguments: `curricula` has one run per teacher, and `plane` the two task dimensions.
 """
 
 import itertools

@@ -397,7 +397,7 @@ def pairwise_curves(
         name: name of the measure with its unit.
 
     Raises:
-        ValueError: if there are under two teachers, or several values of a teacher at a step.
+        ValueError: if there are fewer than two teachers, or several values of a teacher at a step.
     """
     table = _table(curves, measure, ["teacher", "step"], "curves")
     legend = short_labels(table["teacher"].unique())

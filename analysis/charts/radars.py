@@ -72,7 +72,7 @@ def radar(
         original: matrix of the upper baseline.
 
     Raises:
-        ValueError: if there are under three challenges, no results, or several of a teacher on one.
+        ValueError: if there are fewer than three challenges, no results, or several of a teacher on one.
     """
     mean = f"{measure}_mean"
     if len(challenges) < 3:

@@ -64,7 +64,8 @@ class Sample:
     def interval(self) -> tuple[float, float]:
         """Return the 95 % confidence interval of the mean, within 0 and 100.
 
-        Student's over strata with least variances, as on leaderboards, or `bounded_interval` without spread.
+        It is Student's interval over strata with least variances, as on leaderboards, or `bounded_interval`
+        if there is no spread.
         """
         if not self.strata:
             return mean_percent_interval(self.description)

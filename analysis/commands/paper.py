@@ -40,11 +40,11 @@ def write_tables(
     """Return the paper's tables for a root, finished or not, and write them to `output` if it is given.
 
     Args:
-        sources: folders, ``s3://`` or ``gs://`` addresses, names of baselines; ``paper-2021``, for the
-            paper's own tables, only alone.
+        sources: folders, ``s3://`` or ``gs://`` addresses, names of baselines; ``paper-2021``, with the
+            paper's own tables, cannot be combined with others.
         step: step at which runs are measured; None for their ends.
         kind: markdown, latex or csv.
-        output: folder to write to; made if missing.
+        output: folder to write to; created if missing.
 
     Raises:
         ResultsRootError: if one of `sources` is not a results root.
@@ -89,8 +89,9 @@ def write_figures(
     """Write the paper's figures for which a root or a baseline has enough data.
 
     Args:
-        sources: folders, ``s3://`` or ``gs://`` addresses, names of baselines; ``paper-2021`` only alone.
-        output: folder to write to; made if missing.
+        sources: folders, ``s3://`` or ``gs://`` addresses, names of baselines; ``paper-2021`` cannot be
+            combined with others.
+        output: folder to write to; created if missing.
         vector: pdf or svg; each figure is written as PNG, too.
         only: prefix of the names of figures, or of a part after a hyphen; empty for all figures.
 

@@ -1,9 +1,9 @@
 """Means, interquartile means, probabilities of improvement and performance profiles of pooled runs.
 
-`runs` are rows of `pooling.pool_runs` everywhere, and `measure` is a column of them. Runs without it do not
-count, and no run counts twice in a group. Groups are given by the columns `by`, teacher among them, compared
-teachers by the columns `within`, and strata of a sample by the columns `strata`. Over challenges these are
-``[*ACROSS, "teacher"]``, `ACROSS` and `STRATA`.
+In all functions `runs` are rows of `pooling.pool_runs`, and `measure` is a column of them. Runs without it do
+not count, and no run counts twice in a group. Groups are given by the columns `by`, teacher among them,
+compared teachers by the columns `within`, and strata of a sample by the columns `strata`. Over challenges
+these are ``[*ACROSS, "teacher"]``, `ACROSS` and `STRATA`.
 """
 
 from collections.abc import Mapping, Sequence

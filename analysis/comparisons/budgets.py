@@ -34,7 +34,7 @@ class EffectCorrelation(Estimate):
 
     Attributes:
         observed: Pearson's correlation of the observed means, less the mean of their space.
-        left_out: share of draws excluded from the interval for want of a positive variance of true effects.
+        left_out: share of draws excluded from the interval for lack of a positive variance of true effects.
     """
 
     observed: float = math.nan

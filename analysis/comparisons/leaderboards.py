@@ -1,6 +1,6 @@
 """Leaderboards of teachers over all challenges, with estimates for each teacher.
 
-`runs` are rows of `pooling.pool_runs` everywhere, and `measure` is a column of them, in per cent.
+In all functions `runs` are rows of `pooling.pool_runs`, and `measure` is a column of them, in per cent.
 """
 
 import itertools
@@ -209,8 +209,8 @@ def _blocks(runs: pd.DataFrame, measure: str) -> Iterator[tuple[dict[str, Any], 
 def challenge_sets(runs: pd.DataFrame) -> Iterator[tuple[pd.DataFrame, int]]:
     """Yield the runs on each set of challenges, largest set first, with the total number of challenges.
 
-    A set is all challenges that some teacher has with all of their bodies and students, and has the runs of
-    all teachers on these.
+    A set consists of the challenges on which some teacher has runs of all bodies and students; its runs are
+    those of all teachers that have these challenges.
     """
     challenges = runs.groupby(CHALLENGE, dropna=False, sort=True).ngroup()
     parts = runs.groupby([*CHALLENGE, *PARTS], dropna=False, sort=True).ngroup()

@@ -74,7 +74,7 @@ def pairwise(
     share a student. Runs without the measure do not count. Groups that share a run, or have other bodies or
     students, are not tested. Over challenges (``within=ACROSS, strata=STRATA``) the difference is
     that of the challenges that both groups have with the same bodies and students. Challenges have equal
-    weight, as have bodies and students within a challenge.
+    weight, as do bodies and students within a challenge.
 
     Teachers of a core (column core of the runs) are a family of their own with least variances of its own
     runs, so that no newcomer changes a verdict on them.

@@ -1,6 +1,6 @@
 """Ranks of teachers over challenges: core teachers among themselves, and newcomers among the core.
 
-`runs` are rows of `pooling.pool_runs` everywhere, and `measure` is a column of them, in per cent.
+In all functions `runs` are rows of `pooling.pool_runs`, and `measure` is a column of them, in per cent.
 """
 
 from collections.abc import Collection, Mapping
@@ -95,8 +95,8 @@ def ranks(runs: pd.DataFrame, teachers: Collection[str] | None = None, measure: 
     """Return the ranks of all teachers, or of `teachers`, by level and budget, best first.
 
     At each level and budget, teachers of the core are ranked by one family of tests, and each newcomer is
-    ranked with the core by a family of its own. Families have the pairs of a requested teacher with the
-    teachers that have results on all of its challenges.
+    ranked with the core by a family of its own. A family consists of the pairs of a requested teacher with
+    the teachers that have results on all of its challenges.
     """
     ranking: list[Rank] = []
     for key, group in runs[runs[measure].notna()].groupby(ACROSS, dropna=False, sort=True):

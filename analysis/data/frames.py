@@ -216,7 +216,7 @@ def check_columns(name: str, table: object, columns: Sequence[str]) -> None:
     """Check that the argument `name` is a table with these columns.
 
     Raises:
-        TypeError: if it is not a table, or `columns` is one text.
+        TypeError: if it is not a table, or `columns` is a single string.
         ValueError: if it lacks a column; the message names the nearest one.
     """
     check_type(name, table, pd.DataFrame, "a table, as from analysis.runs_after(frames)")
@@ -230,7 +230,7 @@ def check_measure(name: str, table: object, measure: str, columns: Sequence[str]
     """Check that the argument `name` is a table with `columns` and a numeric `measure`.
 
     Raises:
-        TypeError: as `check_columns`.
+        TypeError: as in `check_columns`.
         ValueError: if it lacks a column, or `measure` is not a column of numbers.
     """
     check_columns(name, table, [measure, *columns])

@@ -140,8 +140,8 @@ def _thresholds(evaluations: pd.DataFrame, runs: pd.DataFrame) -> pd.Series | fl
 def evaluation_measures(evaluations: pd.DataFrame) -> pd.DataFrame:
     """Return one row per run and evaluation: run_id, step, the measures, tasks, and not_finite.
 
-    The measures of an evaluation with NaN or infinite returns, of which not_finite is the number, are NaN:
-    mastered % is of all test tasks, and such a return is neither a failure nor a success.
+    An evaluation with NaN or infinite returns (their number is not_finite) has NaN measures: mastered % is
+    of all test tasks, and such a return is neither a failure nor a success.
 
     Rows of one evaluation, with run_id, step, episodic_return and mastered (bool), mostly follow each other.
     They are added up before they are grouped, since a full benchmark has tens of millions.

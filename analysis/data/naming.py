@@ -30,7 +30,7 @@ def disambiguate_names(cells: Sequence[pd.DataFrame]) -> tuple[list[pd.DataFrame
     Points of searches for hyper-parameters, which differ by design, keep their names.
 
     Args:
-        cells: cells of `Frames`, with the column identity, which is null for runs that wait. Earlier splits
+        cells: cells of `Frames`, with the column identity, which is null for waiting runs. Earlier splits
             are undone first, so that roots can be named jointly.
     """
     frames = [_with_plain_names(frame) for frame in cells]

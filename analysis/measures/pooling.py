@@ -133,8 +133,8 @@ def pool_runs(
 
     Returns:
         `POOLED`, `PARTS`, seed, run_id, status, settings (digest of the spec without the seed), core, and the
-        columns of `values`, with as many rows per run. pool and test_sets list their members, variant the
-        differences from the paper.
+        columns of `values`, which may have several rows per run. pool and test_sets list their members,
+        variant the differences from the paper.
     """
     return _with_values(_pool_members(cells, matrices), values)
 
@@ -382,7 +382,7 @@ def without_searches(cells: pd.DataFrame) -> pd.DataFrame:
 def by_students(cells: pd.DataFrame) -> Iterator[tuple[str, tuple[Matrix, ...], pd.DataFrame]]:
     """Yield a file tag, matrices and cells, once for the paper's students and once per other student.
 
-    Results of the original release, whose bipedal is another one, are separate.
+    Results of the original release, whose bipedal is a different body, are separate.
     """
     imported = (cells["engine"] == BOX2D).to_numpy(bool)
     if not (imported & (cells["embodiment"] == RELEASED_BIPEDAL).to_numpy(bool)).any():

@@ -205,7 +205,7 @@ NEARLY_ALL = 95.0  # percentage of trained steps below which a teacher is also c
 def trained_steps(frames: Frames) -> pd.DataFrame:
     """Return the number of trained steps of each run, up to the end of each training window.
 
-    Steps of episodes that only score tasks are not trained. An episode counts to the window of its end.
+    Steps of episodes that only score tasks are not trained. An episode counts in the window in which it ends.
 
     Returns:
         run_id, step, trained_steps, and trained_percent, their percentage of step.

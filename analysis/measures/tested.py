@@ -133,8 +133,8 @@ class Verdict(StrEnum):
     """Result of a test after the correction for its family.
 
     Attributes:
-        BETTER: significant difference over 0.
-        WORSE: significant difference under 0.
+        BETTER: significant difference above 0.
+        WORSE: significant difference below 0.
         ALIKE: simultaneous interval within the margin.
         OPEN: none of these.
     """

@@ -4,8 +4,8 @@ A sample consists of strata, such as the embodiments of a pool or the challenges
 from their names to values (n,), one per run, indexed by run id. Runs of the same cluster depend on each
 other; by default all are independent.
 
-The authors' bootstrap intervals cover in 55 % of all cases with two seeds and in 74 % with three. The
-intervals here hold with few seeds, too; `docs/statistics.md` has their coverage.
+The authors' bootstrap intervals have a coverage of 55 % with two seeds and of 74 % with three. The intervals
+here keep theirs with few seeds, too (`docs/statistics.md`).
 """
 
 import math

@@ -30,9 +30,10 @@ def power(
     """Return the power of a two-sided Welch test between two normal samples.
 
     The noncentral t distribution is exact for known degrees of freedom only. Welch's test estimates them from
-    the sample variances, which costs much power with two or three seeds: with 3 seeds and a deviation of 10,
-    the noncentral t has a power of 0.8 at 30.7 points, where the true power is 0.70. Given both variances the
-    test statistic is normal, so its power is averaged over their distributions by Gauss-Legendre quadrature.
+    the sample variances, which costs much power with two or three seeds: with 3 seeds and a standard
+    deviation of 10, the noncentral t has a power of 0.8 at 30.7 points, where the true power is 0.70. Given
+    both variances the test statistic is normal, so its power is averaged over their distributions by
+    Gauss-Legendre quadrature.
 
     Args:
         difference: difference of the true means.
@@ -86,7 +87,7 @@ def detectable_in_pairs(
         significance: significance level.
 
     Returns:
-        Difference in the unit of the margin; NaN with fewer than two pairs or without a margin over 0.
+        Difference in the unit of the margin; NaN with fewer than two pairs or without a margin above 0.
     """
     if pairs < 2 or not margin > 0:
         return math.nan

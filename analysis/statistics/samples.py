@@ -71,7 +71,7 @@ class Estimate:
         low: lower end of the interval.
         high: upper end of the interval.
         n: number of runs, over both samples in a comparison.
-        reason: reason for a missing interval; empty if there is one.
+        reason: reason why there is no interval; empty if there is one.
     """
 
     value: float
@@ -135,7 +135,7 @@ def mean_interval_of(
     Args:
         mean: weighted mean.
         weights: weight of each stratum.
-        variances: variance of a run in each stratum, at least one over 0.
+        variances: variance of a run in each stratum, at least one above 0.
         sizes: number of runs in each stratum, 2 or more.
     """
     from scipy import special
@@ -149,7 +149,7 @@ def bounded_interval(value: float, n: int) -> tuple[float, float]:
     """Return the exact 95 % confidence interval of the mean percentage where all `n` runs have `value`.
 
     The probability of `value` is at least p = 0.05^(1/n) with 95 % confidence, so the mean is between
-    p value and p value + 100 (1 - p).
+    p * value and p * value + 100 (1 - p).
     """
     p = (1 - CONFIDENCE) ** (1 / n)
     return p * value, p * value + 100 * (1 - p)
@@ -214,7 +214,7 @@ def contrary(standing: Standing) -> Standing:
 def greater(low: float, high: float, margin: float = DEFAULT_MARGIN) -> Standing:
     """Return the result of testing "the difference is above 0" by its interval.
 
-    It is supported if the interval is over 0, else refuted if the interval is under `margin`.
+    It is supported if the interval is above 0, else refuted if the interval is below `margin`.
     """
     if low > 0:
         return Standing.SUPPORTED

@@ -1,6 +1,6 @@
 """Tests between samples of runs: Welch's, paired, permutation and stratified tests.
 
-Arguments in common: `pairs` are both groups' samples in each stratum, one value per run, indexed by run id;
+Common arguments: `pairs` are both groups' samples in each stratum, one value per run, indexed by run id;
 `weights` are the weights of strata, in any unit; `seeds` are the seeds of runs by id.
 """
 
@@ -133,7 +133,7 @@ class Comparison:
         t: test statistic of a t-test.
         degrees_of_freedom: degrees of freedom of a t-test.
         p: two-sided p-value.
-        reason: reason for a missing test; empty if there is one.
+        reason: reason why there is no test; empty if there is one.
         method: test behind p.
     """
 
@@ -213,7 +213,7 @@ def _same_mean(first: Description, second: Description) -> bool:
 def standard_error_of_difference(first: Description, second: Description) -> tuple[float, float]:
     """Return the standard error of a difference of means, and its Welch-Satterthwaite degrees of freedom.
 
-    Both samples need two values, and one of them a standard deviation over 0.
+    Both samples need two values, and one of them a standard deviation above 0.
     """
     variances = first.standard_error**2, second.standard_error**2
     parts = (variance**2 / (n - 1) for variance, n in zip(variances, (first.n, second.n), strict=True))

@@ -26,7 +26,7 @@ class WandbProject(Tracker):
     Args:
         root: folder, or ``s3://`` or ``gs://`` address.
         project: name of the project.
-        entity: user or team of the project; None for the one who is logged in.
+        entity: user or team of the project; None for the logged-in user.
         folder: folder of the library's files and of `LEDGER`.
         offline: True to write to `folder` only, for ``wandb sync``.
 

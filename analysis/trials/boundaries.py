@@ -61,7 +61,7 @@ def crossing(bounds: Sequence[float], information: Sequence[float], drift: float
 
     Args:
         bounds: boundary of each look.
-        information: information of each look, rising, in any unit.
+        information: information of each look, increasing, in any unit.
         drift: true difference, in the unit whose standard error at information i is 1 / sqrt(i).
     """
     path, probabilities = _Path(), []
@@ -79,7 +79,7 @@ def median_unbiased(statistic: float, bounds: Sequence[float], information: Sequ
     Args:
         statistic: statistic of the look at which the test stopped.
         bounds: boundaries of the looks before it.
-        information: information of each look until the stop, rising.
+        information: information of each look until the stop, increasing.
     """
     naive = statistic / math.sqrt(information[-1])
     if not bounds:

@@ -39,7 +39,7 @@ SCALED = {HEADLINE: "angle", FINAL: "end"}
 CHALLENGE = 2  # number of leading columns in `CELL_COLUMNS` that name a challenge
 
 ERRORS = (0.05, 0.045, 0.04, 0.035, 0.03, 0.025, 0.02, 0.015, 0.01)
-"""Candidate errors to spend; a design takes the largest with wrong verdicts in at most `ERROR` of trials."""
+"""Candidate errors to spend; a design uses the largest with wrong verdicts in at most `ERROR` of trials."""
 
 TRIALS = 4_000  # number of simulated trials by which the error is chosen
 
@@ -221,8 +221,9 @@ def make_design(
 ) -> Design:
     """Return the design of a trial against a release.
 
-    Its error is the largest of `ERRORS` with wrong verdicts in at most `ERROR` of simulated trials: Student's
-    quantiles of few and skewed values spend more than their nominal error, most with a single cell.
+    Its error is the largest of `ERRORS` with wrong verdicts in at most `ERROR` of simulated trials: with few
+    and skewed values, tests by Student's quantiles spend more than their nominal error, most of all with a
+    single cell.
 
     Args:
         teacher: canonical name of the new teacher.
@@ -282,8 +283,8 @@ def _cells(
 ) -> tuple[TrialCell, ...]:
     """Return the cells of a trial, sorted by signal-to-noise ratio per core-hour, highest first.
 
-    The signal is the variance between the release's teachers less the share of seeds, the noise the variance
-    of a run.
+    The signal is the variance between the release's teachers, less the part due to seeds; the noise is the
+    variance of a run.
     """
     ranked, weights = [], _weights(list(keys.values()))
     for (name, key), weight in zip(keys.items(), weights, strict=True):
