@@ -1,4 +1,4 @@
-"""Conformance tests of teachers, students, environments and embodiments, as test classes to inherit.
+"""Conformance tests of teachers, students, environments and embodiments, as test classes to inherit from.
 
 pytest is needed to run a class, not to import it.
 """

@@ -289,7 +289,7 @@ NETWORK_BYTES = 5e6  # size of a run's two checkpoints without a replay buffer (
 BUFFER_SHARE = 1.3
 """Size of both checkpoints as a multiple of the replay buffer's (measured)."""
 
-LONGEST_HOURS = 1.0  # longest time on this machine without a confirmation, h
+LONGEST_HOURS = 1.0  # longest time that needs no confirmation on this machine, h
 
 SLOWEST = Throughput("any", training=20, playing=2_000, transition_bytes=0, learner=20)
 """Lower bound of all speeds: plans of under an hour at this speed need no better estimate."""
@@ -305,7 +305,7 @@ class Cost:
         core_hours: core time, including learners, h.
         gpu_hours: GPU time, h.
         wall_hours: wall time on the nodes, h.
-        how: phrase on the number of concurrent runs or cohorts, and on the nodes.
+        how: phrase about the number of concurrent runs or cohorts, and about the nodes.
         bound: bottleneck of cohorts; None if runs learn alone.
         at_once: number of runs that the nodes hold at once.
         disk_gib: size of all results, GiB.
@@ -424,7 +424,7 @@ def estimate(
 
 
 def _learners_and_cores(config: ExecutionConfig, nodes: Nodes, runs: int) -> tuple[int, float]:
-    """Return the number of cohorts for `runs` runs that fit on `nodes`, and the cores left to players."""
+    """Return how many cohorts for `runs` runs fit on `nodes`, and the number of cores left for players."""
     player = config.player.cpus
     learners, free = 0, 0.0
     for node in nodes.resources:
@@ -452,7 +452,7 @@ def long_cost(
     speeds: Mapping[SpeedKey, Throughput] | None = None,
     nodes: Nodes | None = None,
 ) -> Cost | None:
-    """Return the cost of the plan's runs missing from `results`, or None if it is at most an hour here.
+    """Return the cost of the plan's runs missing from `results`, None if they take at most an hour here.
 
     See `estimate` for `speeds` and `nodes`.
 

@@ -161,10 +161,10 @@ class SilentRuns:
 
 @contextmanager
 def stop_signals() -> Iterator[threading.Event]:
-    """Context manager that yields an event set by SIGINT or SIGTERM; a second signal interrupts.
+    """Context manager that yields an event set by SIGINT or SIGTERM; a second one raises KeyboardInterrupt.
 
-    The second signal raises KeyboardInterrupt. Enter it after `ray.init`, which installs its own handlers. It
-    does nothing outside the main thread, where Python cannot handle signals.
+    Enter it after `ray.init`, which installs its own handlers. It does nothing outside the main thread, where
+    Python cannot handle signals.
     """
     requested = threading.Event()
 

@@ -18,7 +18,7 @@ from tma_ray.tasks import KnowledgeLevel
 TEACHER_FIELDS = ("teacher", "teacher_hyperparameters", "expert_knowledge", "seed", "repeat")
 """Fields of a spec that may differ between teachers."""
 
-COMPONENT_FIELDS = ("plugins", "algorithm_versions", "inputs")  # fields with entries by component
+COMPONENT_FIELDS = ("plugins", "algorithm_versions", "inputs")  # fields with one entry per component
 
 
 @dataclass(frozen=True)

@@ -96,7 +96,7 @@ class Scheduler:
             self._running[spec.run_id] = _Running(spec, number, datetime.now(UTC))
 
     def _poll(self, seconds: float) -> None:
-        """Commit the executor's reports of the next `seconds`, and show the progress."""
+        """Commit what the executor reports within `seconds`, and show the progress."""
         events = self._executor.poll(seconds, last=not (self._waiting or self._retries))
         self._committer.keep_lease()
         for event in events:

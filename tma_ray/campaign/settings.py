@@ -235,7 +235,7 @@ def host_and_port(address: str) -> tuple[str, int] | None:
 
 
 def connection_advice(address: str, reason: str) -> str:
-    """Return a message on a failed connection to `address`, with its cause and remedies."""
+    """Return a message about a failed connection to `address`, with its cause and remedies."""
     return (
         f"no Ray cluster was joined at {address!r}: {reason}. From one of its nodes use '--address auto'; "
         f"from elsewhere submit the campaign instead ('ray job submit', 'ray submit'). A cluster that asks "

@@ -100,7 +100,7 @@ def run_looks(trial: TrialRuns, cost: Cost | None, judge: Judge) -> int:
 
 @contextmanager
 def _stopped_at(deadline: float | None, results: str) -> Iterator[None]:
-    """Context manager that stops the campaign on a results root at a given time of the monotonic clock."""
+    """Context manager that stops the campaign on a results root when `time.monotonic` passes `deadline`."""
     if deadline is None:
         yield
         return

@@ -342,7 +342,7 @@ def wandb(
 
 
 def _track(tracker: Tracker, hint: str, follow: bool) -> int:
-    """Export published results, once or until Ctrl-C."""
+    """Export published results, once or, if `follow`, repeatedly until Ctrl-C."""
     from analysis.tracking.points import watch
 
     print(f"runs with news: {tracker.update()}{hint}", flush=True)

@@ -37,7 +37,7 @@ _searched: list[str] = []  # folders searched for ``module:Name`` after the impo
 
 
 def search_current_folder() -> None:
-    """Search the current folder, after the import path, for modules of ``module:Name``."""
+    """Make ``module:Name`` look up modules in the current folder, too, after the import path."""
     _searched[:] = [str(Path.cwd())]
 
 

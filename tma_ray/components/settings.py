@@ -221,7 +221,7 @@ def _chosen(key: str, value: Any, choices: Mapping[str, Any], kind: str) -> Any:
 
 
 def _collection(key: str, value: Any, annotation: Any, kind: str) -> Any:
-    """Convert `value` to the annotated collection, or return `_UNFIT`."""
+    """Convert `value` to the annotated collection, or return `_UNFIT` if it does not match."""
     origin = get_origin(annotation) or annotation
     if origin in _MAPPINGS and isinstance(value, collections.abc.Mapping):
         of_keys, of_values = get_args(annotation) or (Any, Any)
@@ -236,7 +236,7 @@ def _collection(key: str, value: Any, annotation: Any, kind: str) -> Any:
 
 
 def _scalar(value: Any, annotation: Any) -> Any:
-    """Convert `value` to the annotated scalar type, or return `_UNFIT`."""
+    """Convert `value` to the annotated scalar type, or return `_UNFIT` if it does not match."""
     number = _number_kind(annotation)
     if number is not None:
         fits = isinstance(value, Integral if number is int else Real) and not isinstance(value, bool)
@@ -281,7 +281,7 @@ def _number_kind(annotation: Any) -> type | None:
 
 
 def _from_text(text: str, annotation: Any) -> Any:
-    """Parse `text` as the type of `annotation`, or return it unchanged."""
+    """Parse `text` as the type of `annotation`, or return it unchanged if it cannot be parsed."""
     origin = get_origin(annotation) or annotation
     if origin in (Union, types.UnionType):
         return _one_from_text(text, get_args(annotation))
@@ -322,7 +322,7 @@ def _items_from_text(text: str, annotation: Any) -> Any:
 
 
 def _number(text: str) -> Any:
-    """Parse `text` as a number, an integer if it is whole, or return it unchanged."""
+    """Parse `text` as a number (an integer if it is whole), or return it unchanged."""
     try:
         return int(text)
     except ValueError:

@@ -41,7 +41,7 @@ class _Terminal(Console):
 
 
 def terminal(console: Console | None = None, **settings: Any) -> Console:
-    """Return `console`, or a new one that prints texts without markup and control characters.
+    """Return `console`, or a new one that ignores markup in texts and replaces control characters.
 
     Names of teachers, experiments and folders may contain markup, such as ``[red]x`` or the erroneous
     ``[/x]``, and escape sequences.

@@ -275,7 +275,7 @@ class Curriculum:
             return self._checked.probe(count)
 
     def save(self, folder: str | Path) -> None:
-        """Save the curriculum, without running episodes, and its record as a results root.
+        """Save the curriculum, without the episodes under way, and its record as a results root.
 
         A curriculum saved earlier in the folder is replaced.
 

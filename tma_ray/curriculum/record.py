@@ -51,7 +51,7 @@ class Recorded(Protocol):
 
 
 def write_record(folder: Path, curriculum: Recorded, state_file: str, state: bytes) -> None:
-    """Write the record and the state of a curriculum to `folder`, replacing an earlier one.
+    """Write the record and the state of a curriculum to `folder`, replacing earlier ones.
 
     Raises:
         FileExistsError: if the folder has other contents.

@@ -89,7 +89,7 @@ def model_card(
     difference: float | None,
     licence: str,
 ) -> str:
-    """Return the card of a policy, given its `history_of` and the folder with its files."""
+    """Return the card of a policy, with its `history` (see `history_of`) and the files in `folder`."""
     evaluations, libraries = history
     body = environment.get_wrapper_attr("embodiment") if environment.has_wrapper_attr("embodiment") else None
     domain: TaskSpace = environment.get_wrapper_attr("valid_domain")

@@ -28,7 +28,7 @@ from tma_ray.results.storage import ResultsRootError, Store
 from tma_ray.results.verification import Inspector
 from tma_ray.support.decoding import DamagedFileError, DamagedFileWarning
 
-SINGLE_RUNS = "single_runs"  # name in place of an experiment for runs without a campaign
+SINGLE_RUNS = "single_runs"  # experiment name given to runs without a campaign
 
 
 @dataclass(frozen=True)
@@ -340,7 +340,7 @@ def intact_runs(results: Results, options: CopyOptions) -> tuple[list[Manifest],
 
 
 def newer_version(store: Store, path: str) -> str:
-    """Return a message on a file with unknown columns, which is neither merged nor copied."""
+    """Return a message about a file that is neither merged nor copied, since it has unknown columns."""
     return (
         f"{store.where(path)} was written by a newer tma_ray, with columns that this one would lose: it was "
         f"left as it is; use that version"

@@ -32,7 +32,7 @@ INPUTS: Final = "inputs"
 FOLDERS: Final = (TEMPORARY, MANIFESTS, STAGING, TABLES, CHECKPOINTS, POLICIES, LOGS, INPUTS)
 """Folders that campaigns write to."""
 
-LONGEST_ID: Final = 200  # longest id in characters, since ids are parts of file names
+LONGEST_ID: Final = 200  # largest number of characters in an id, since ids are parts of file names
 
 _ID: Final = re.compile(rf"[0-9a-zA-Z_-]{{1,{LONGEST_ID}}}")
 

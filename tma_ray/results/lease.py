@@ -302,7 +302,7 @@ class Lease:
             self._refuse_renewal(_readable(self.store))
 
     def keep(self) -> None:
-        """Renew the lease if a quarter of its time has passed; cheap enough for a loop."""
+        """Renew the lease if a quarter of its time has passed; cheap enough to call in a loop."""
         if self._clock() - self._renewed_at >= self.seconds / 4:
             self.renew()
 
@@ -316,7 +316,7 @@ class Lease:
         self.store.delete(LEASE_FILE)
 
     def asked_to_stop(self) -> bool:
-        """Return True if `ask_to_stop` was called for this holder; cheap enough for a loop."""
+        """Return True if `ask_to_stop` was called for this holder; cheap enough to call in a loop."""
         if not self._asked and self._clock() - self._checked_at >= STOP_CHECK_SECONDS:
             self._checked_at = self._clock()
             try:

@@ -62,7 +62,7 @@ class PartFile:
 
     @classmethod
     def write(cls, store: Store, path: str, table: Table, rows: int, data: bytes) -> Self:
-        """Write a table's encoded rows, and return the new file."""
+        """Write a table's encoded rows to a file, and return its description."""
         store.write_bytes(path, data)
         return cls(table, path, rows, hashlib.sha256(data).hexdigest())
 
@@ -156,7 +156,7 @@ def write_index(store: Store, manifests: Iterable[Manifest]) -> None:
 
 
 def read_index(store: Store, text: str = "") -> Iterator[tuple[str, Manifest | Exception]]:
-    """Yield the name and manifest (an error if damaged) of index lines that contain `text`."""
+    """Yield the name and manifest (an error if damaged) of each index line that contains `text`."""
     if not store.holds(INDEX_FILE):  # the file is usually missing, and `status` polls it
         return
     try:

@@ -1,4 +1,4 @@
-"""Parquet encoding with bytes that depend only on the rows, and decoding with memory limits."""
+"""Deterministic encoding of Parquet files, and decoding with memory limits."""
 
 import io
 import itertools

@@ -107,7 +107,7 @@ class Results:
         return self._manifests
 
     def find(self, name: str) -> Manifest:
-        """Return the manifest of the run whose id is `name`, or begins with it if no other does.
+        """Return the manifest of the run with `name` as its id or as an unambiguous prefix of its id.
 
         Raises:
             ValueError: if no run matches, or several do.

@@ -179,7 +179,7 @@ def _rows(store: Store, table: Table, path: str, columns: Sequence[str]) -> list
 
 
 def damage_reason(error: Exception, where: str) -> str:
-    """Describe the damage to the file `where`, given the error on reading it."""
+    """Describe the damage to the file `where`, given the error raised on reading it."""
     if isinstance(error, FileNotFoundError):
         return "it is missing"
     return str(error).removeprefix(f"{where} is damaged: ")

@@ -299,7 +299,7 @@ def _check_spaces(cell: Cell, environment: gymnasium.Env[Any, Any]) -> None:
 
 
 def _own_test_set(name: str, space: TaskSpace) -> TestSet:
-    """Return a test set for an environment without one: a grid, or random tasks beyond two dimensions."""
+    """Return a test set for an environment without one: a grid in up to two dimensions, else random tasks."""
     if space.size <= 2:
         return TestSet.grid(name, space, OWN_TEST_SET_SIZE if space.size == 1 else 10)
     return TestSet(name, space.names, space.sample(np.random.default_rng(0), OWN_TEST_SET_SIZE))

@@ -47,7 +47,7 @@ def played_episodes(
 
 
 def new_worlds(spec: RunSpec, count: int) -> list[Environment]:
-    """Return `count` new environments of a run."""
+    """Return `count` new environments for a run."""
     return [new_environment(spec) for _ in range(count)]
 
 
@@ -114,7 +114,7 @@ class UntrainedEpisodes:
         return action
 
     def evaluate(self, student: Student, tasks: Task, greedy: bool, budget: int) -> Outcomes | None:
-        """Play an episode of each task.
+        """Play one episode of each task without learning, and return the outcomes.
 
         Args:
             student: student that acts.

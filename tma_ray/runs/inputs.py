@@ -170,7 +170,7 @@ def contents(specs: Iterable[RunSpec]) -> dict[str, bytes]:
 
 
 def provide(contents_by_digest: Mapping[str, bytes]) -> None:
-    """Keep input files received from another process, given as contents by SHA-256, in memory."""
+    """Keep in memory the input files of another process, given as contents by SHA-256."""
     _contents.update(contents_by_digest)
 
 

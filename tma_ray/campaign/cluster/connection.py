@@ -173,7 +173,7 @@ class LocalHead:
             raise HeadLostError(reason)
 
     def failure_reason(self, patience: float = 0.0) -> str | None:
-        """Return a message on lost core processes, or None once `check` has raised; see `Watched`."""
+        """Return a message about lost core processes, or None once `check` has raised; see `Watched`."""
         return None if self._left else self._watch.failure_reason(patience)
 
     def kill(self) -> None:

@@ -27,7 +27,7 @@ class Head(Watched, Protocol):
         """Return Ray's records of live nodes, with "NodeID" and "Resources", without waiting for Ray."""
 
     def check(self) -> None:
-        """Check that the head is alive; fast enough for a loop.
+        """Check that the head is alive; fast enough to call in a loop.
 
         Raises:
             HeadLostError: if the head is lost; this process is then disconnected from Ray.

@@ -34,7 +34,7 @@ class AttemptEnd:
 
 
 class Executor(Protocol):
-    """Executor of concurrent attempts at runs; the scheduler does retries and commits."""
+    """Executor of concurrent attempts at runs; retries and commits are left to the scheduler."""
 
     @property
     def learners(self) -> Sequence[LearnerProgress]:

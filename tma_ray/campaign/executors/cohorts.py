@@ -119,7 +119,7 @@ def check_room(settings: ExecutionConfig, specs: Sequence[RunSpec], keys: Mappin
     )
 
 
-AUTOSCALING_LEARNERS = 4  # most learners that wait for nodes of an autoscaling cluster
+AUTOSCALING_LEARNERS = 4  # largest number of learners that wait for new nodes of an autoscaling cluster
 
 LONGEST_INTERVAL = 5.0
 """Longest interval between two polls that counts as a learner's silence, s: the driver may have slept."""

@@ -139,7 +139,7 @@ class Store(ABC):
         return data
 
     def read_json(self, path: str, kind: type[ResultT]) -> ResultT:
-        """Return the content of a JSON file decoded as a `kind`."""
+        """Return the content of a JSON file, decoded as `kind`."""
         return decode_json(self.read_bytes(path), kind, self.where(path))
 
     def write_json(self, path: str, record: DataclassInstance, indent: int | None = None) -> None:

@@ -49,7 +49,7 @@ _NO_SYNC: Final = (_LACKS | {errno.EACCES, errno.EBADF, errno.EISDIR}) - {errno.
 CHECKOUT: Final = (".git", "pyproject.toml")  # files in the top folder of a source checkout
 
 LOCK_SECONDS: Final = 5.0  # longest wait for another process's lock, s
-FILE_ENDINGS: Final = (".json", ".parquet", ".safetensors", ".log")  # suffixes of files, which no folder has
+FILE_ENDINGS: Final = (".json", ".parquet", ".safetensors", ".log")  # suffixes of files, never of folders
 
 
 class FolderStore(Store, schemes=("", "file")):
