@@ -70,7 +70,7 @@ class About:
     Attributes:
         core: campaigns that ``tma-ray campaign --like`` repeats; empty for those of the previous manifest, or
             all.
-        gaps: text on planned campaigns that have not begun; empty for that of the previous manifest.
+        gaps: text about planned campaigns that have not begun; empty for that of the previous manifest.
     """
 
     core: tuple[str, ...] = ()
@@ -93,7 +93,7 @@ class BaselineManifest:
         licence: SPDX identifier or text; empty for none.
         created: time of creation, ISO 8601.
         software: program and version that created it.
-        partial: text on missing runs; empty if no run is missing.
+        partial: text about missing runs; empty if no run is missing.
         caveats: further limits of the results.
         holds: values of each column of the cells, and counts, by name.
         files: all other files in the folder.
@@ -102,7 +102,7 @@ class BaselineManifest:
             empty for all.
         planned: planned number of runs by campaign, for a release that grows by shards.
         done: number of finished runs of these campaigns.
-        gaps: text on planned campaigns that have not begun; empty for none.
+        gaps: text about planned campaigns that have not begun; empty for none.
     """
 
     name: str

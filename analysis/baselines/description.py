@@ -38,10 +38,10 @@ def card(
 
     Args:
         manifest: manifest of the baseline.
-        made: sentences on the origin of the results.
+        made: sentences about the origin of the results.
         tables: tables of results.
         citation: citation; empty for `BaselineManifest.citation`.
-        ceilings: sentences on the bounds of the results.
+        ceilings: sentences about the bounds of the results.
         paths: paths of non-empty files of tables, for a configuration of the data set per table.
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined  # deferred: only writing a card needs it
@@ -105,7 +105,7 @@ def _ranges(numbers: Sequence[int]) -> str:
 
 
 def origin(frames: Frames, physics_versions: Sequence[int]) -> str:
-    """Return sentences on the origin of runs: engines, attempts, specifications."""
+    """Return sentences about the origin of runs: engines, attempts, specifications."""
     engines = set(frames.cells["engine"])
     others = sorted(engines - {CHIPMUNK, SIMULATED})
     sentences = (
@@ -123,7 +123,7 @@ def origin(frames: Frames, physics_versions: Sequence[int]) -> str:
 
 
 def _made_on(frames: Frames) -> list[str]:
-    """Return sentences on the durations, machines, processors and software of attempts."""
+    """Return sentences about the durations, machines, processors and software of attempts."""
     attempts, run_ids = frames.attempts, frames.attempts["run_id"].astype(str)
     hosts = attempts["host"].astype(str)
     machines = f", on machines: {hosts[hosts != ''].nunique()}" if (hosts != "").any() else ""

@@ -56,8 +56,8 @@ def bars_with_pairs(
     line is Random's mean, a dash a missing result.
 
     Args:
-        table: results of `pooling.pooled` or `reference.paper_frame`, with n.
-        tests: all pairs, of `pairwise.pairwise` or `pairwise.pairwise_from_statistics`.
+        table: results from `pooling.pooled` or `reference.paper_frame`, with n.
+        tests: all pairs, from `pairwise.pairwise` or `pairwise.pairwise_from_statistics`.
         measure: measure to draw.
         name: name of the measure with its unit.
         whisker: standard deviation, or standard error of the mean.

@@ -253,6 +253,6 @@ def _which_runs(curricula: Mapping[str, RunCurriculum]) -> str:
 
 
 def _whose_space(curricula: Mapping[str, RunCurriculum]) -> str:
-    """Return a sentence on the axes if the task space is shuffled, else an empty string."""
+    """Return a sentence about the axes if the task space is shuffled, else an empty string."""
     shuffled = any(curriculum.shuffled for curriculum in curricula.values())
     return " The task space is shuffled: axes are the teacher's, not the world's." if shuffled else ""

@@ -50,7 +50,7 @@ def learning_curves(
     """Return a chart of each teacher's learning curve: mean ± one standard error over runs, against steps.
 
     Args:
-        table: teacher, step, n, mean and standard_error, of `measures.evaluations.aggregate`.
+        table: teacher, step, n, mean and standard_error, from `measures.evaluations.aggregate`.
         quantity: title of the vertical axis, with "%" for percentages.
         name: identifier of the chart.
         heading: title of the chart.
@@ -134,8 +134,8 @@ class CurvePanel:
         title: embodiment or challenge of the panel.
         curves: results of ``pooled(runs, [measure], by=["step"])``: teacher, expert_knowledge, step, n, and
             `measure` with the suffixes _mean and _std.
-        tests: tests of `pairwise.pairwise` at each step against a reference teacher, or a reference level for
-            each teacher; None for no stars.
+        tests: tests from `pairwise.pairwise` at each step against a reference teacher, or a reference level
+            for each teacher; None for no stars.
         measure: measure to draw.
         name: name of the measure with its unit.
         ceiling: upper bound of all runs; None if unknown.
@@ -322,7 +322,7 @@ def body_panels(
     """Return a panel per body, and one over all bodies if there are several, with tests against Random.
 
     Args:
-        runs: rows of `pooling.pool_runs` with the values of `run_measures.evaluations_at`, of one comparison.
+        runs: rows from `pooling.pool_runs` of one comparison, with values from `run_measures.evaluations_at`.
         measure: measure to draw.
         name: name of the measure with its unit.
         ceiling: upper bound of all runs; None if unknown.
@@ -352,7 +352,7 @@ def knowledge_panels(
     """Return panels that compare levels of expert knowledge: a row per challenge, a panel per measure.
 
     Args:
-        runs: rows of `pooling.pool_runs` with the `measures` at each step.
+        runs: rows from `pooling.pool_runs` with the `measures` at each step.
         measures: columns of `runs`, with the titles of their axes.
         reference: level that the others are tested against; None for no tests.
 
@@ -392,7 +392,7 @@ def pairwise_curves(
     Args:
         curves: results of ``pooled(runs, [measure], by=["step"])`` for one comparison: teacher, step, n, and
             `measure` with the suffixes _mean and _std.
-        tests: all pairs at every step, of `pairwise.pairwise` with step among `within`.
+        tests: all pairs at every step, from `pairwise.pairwise` with step among `within`.
         measure: measure to draw.
         name: name of the measure with its unit.
 

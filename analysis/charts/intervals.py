@@ -234,7 +234,7 @@ def profile_chart(table: pd.DataFrame, quantity: str, name: str, heading: str, c
     """Return a chart of performance profiles: the share of runs above each threshold, a line per teacher.
 
     Args:
-        table: teacher, threshold, share, low, high and n, of `aggregates.profiles`.
+        table: teacher, threshold, share, low, high and n, from `aggregates.profiles`.
         quantity: title of the axis of thresholds.
         name: identifier of the chart.
         heading: title of the chart.
@@ -331,7 +331,7 @@ def course_chart(
     """Return a chart with a panel per comparison: differences with intervals by look, boundaries, margin.
 
     Args:
-        courses: rows of `trials.interim.course` by measure and reference, with a row of panels per measure.
+        courses: rows from `trials.interim.course` by measure and reference, with a row of panels per measure.
         teacher: new teacher.
         margins: equivalence margin of each measure, in points.
         name: identifier of the chart.

@@ -28,7 +28,7 @@ class Ratios(NamedTuple):
     upper: list[float]  # ratio of the best result on the original space, by axis; NaN if not comparable
     differ: dict[tuple[str, int], float]  # significant differences from Random, by teacher and axis
     doubts: set[tuple[str, int]]  # teacher and axis of doubtful published results
-    missing: list[str]  # sentences on results that are not drawn
+    missing: list[str]  # sentences about results that are not drawn
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,8 +65,8 @@ def radar(
     results over 0 lie in a band outside the rings, the best at its outer edge.
 
     Args:
-        table: results of `pooling.pooled` after `pooling.reuse_random`, or `reference.paper_frame`.
-        tests: tests of `pairwise.pairwise` or `pairwise.pairwise_from_statistics` against "random".
+        table: results from `pooling.pooled` after `pooling.reuse_random`, or `reference.paper_frame`.
+        tests: tests from `pairwise.pairwise` or `pairwise.pairwise_from_statistics` against "random".
         measure: measure to draw.
         challenges: axes, clockwise from the top; at least three.
         original: matrix of the upper baseline.
@@ -190,7 +190,7 @@ def _missing(
     names: Sequence[str],
     lower: Sequence[float],
 ) -> Iterator[str]:
-    """Yield sentences on results without a finite ratio, and on teachers without results."""
+    """Yield sentences about results without a finite ratio, and about teachers without results."""
     baseline = label(BASELINE)
     gaps: dict[str, list[str]] = {}
     for name, random in zip(names, lower, strict=True):

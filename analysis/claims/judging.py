@@ -66,7 +66,7 @@ class ClaimVerdict:
         return f"{self.standing} ({self.conditions})" if self.standing is Standing.NOT_SEEN else self.standing
 
     def describe(self) -> str:
-        """Return a phrase on how many statements are supported, refuted or undecided."""
+        """Return a phrase about how many statements are supported, refuted or undecided."""
         counts = Counter(finding.standing for finding in self.findings)
         parts = [f"{counts[Standing.SUPPORTED]} of {len(self.findings)} statements supported"]
         parts += [f"{counts[s]} {s}" for s in Standing if s is not Standing.SUPPORTED and counts[s]]

@@ -147,7 +147,7 @@ class RootSource:
     that completes the most pools, and among several the one with the largest budget.
 
     Attributes:
-        note: sentences on the conditions that are used and those that are not; empty if there are no others.
+        note: sentences about the conditions that are used and those that are not; empty if all are used.
     """
 
     def __init__(self, frames: Frames) -> None:
@@ -240,10 +240,10 @@ def _with_least(samples: Mapping[str, Sample]) -> dict[str, Sample]:
 
 
 def _chosen_conditions(tables: Mapping[str, pd.DataFrame]) -> tuple[dict[str, pd.Series], str]:
-    """Return the conditions whose results are used in each environment, and sentences on the others.
+    """Return the conditions whose results are used in each environment, and sentences about the others.
 
     Args:
-        tables: results of `pooling.pooled` by environment.
+        tables: results from `pooling.pooled` by environment.
     """
     chosen, sentences = {}, []
     for environment, pools in tables.items():

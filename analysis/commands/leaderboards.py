@@ -106,7 +106,7 @@ def show_leaderboards(
 
 
 def show_board(board: Leaderboard, console: Console) -> None:
-    """Print a leaderboard: sentences on the best teachers, a table, and notes."""
+    """Print a leaderboard: sentences about the best teachers, a table, and notes."""
     if answer := board.answer():
         tell(console, answer)
     console.print(_table(board))
@@ -154,7 +154,7 @@ def markdown(name: str, pictures: str = ".") -> str:
 
     Args:
         name: name, folder or address of the release.
-        pictures: folder of the charts of `difference_charts`, from the folder of the page.
+        pictures: folder of the charts from `difference_charts`, relative to the folder of the page.
     """
     ((_, location, gaps),) = release_locations([name])
     parts = [f"*This release is not complete: {gaps}.*"] if gaps else []
@@ -201,7 +201,7 @@ def _trial_lines(location: str) -> Iterator[str]:
 
 
 def trials_markdown(location: str) -> Iterator[str]:
-    """Yield Markdown paragraphs on the trials through which teachers joined a release."""
+    """Yield Markdown paragraphs about the trials through which teachers joined a release."""
     rows, head = [], list[str]()
     for design, look in _joined(location):
         head = ["teacher", "seeds"]

@@ -26,7 +26,7 @@ class Written(NamedTuple):
     """Written files, with warnings about missing data."""
 
     files: tuple[Path, ...]  # files of tables, or vector, PNG and GIF files of figures
-    warnings: tuple[str, ...]  # sentences on limits of the data
+    warnings: tuple[str, ...]  # sentences about limits of the data
     text: str = ""  # content of all tables
     left_out: tuple[str, ...] = ()  # figures without enough data, with the reason
 

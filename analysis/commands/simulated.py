@@ -54,7 +54,7 @@ def mastered_table(frame: pd.DataFrame) -> pd.DataFrame:
     """Return a table (teachers x challenges) of mastered % as text: mean ± 95 % margin over seeds.
 
     Args:
-        frame: rows of `tma_ray.testing.matrix.tabulate`.
+        frame: rows from `tma_ray.testing.matrix.tabulate`.
 
     Returns:
         teacher, expert knowledge, and a column per challenge. Levels with the same runs are one row; an

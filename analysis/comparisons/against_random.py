@@ -33,7 +33,7 @@ class Gap:
 
     @classmethod
     def of(cls, test: pd.Series | Mapping[str, Any]) -> "Gap":
-        """Create a `Gap` from a test, a row of `pairwise.pairwise`."""
+        """Create a `Gap` from a test, a row from `pairwise.pairwise`."""
         low, high = np.clip([test["simultaneous_low"], test["simultaneous_high"]], -LARGEST, LARGEST)
         return cls(float(test["difference"]), float(low), float(high), verdict(test))
 
@@ -64,7 +64,7 @@ def against_random(frames: Frames, runs: pd.DataFrame) -> list[AgainstRandom]:
 
     Args:
         frames: results with windows of training.
-        runs: rows of `pooling.pool_runs`.
+        runs: rows from `pooling.pool_runs`.
     """
     shares = trained_shares(frames)
     comparisons: list[AgainstRandom] = []
@@ -103,7 +103,7 @@ def sentences_against_random(
     """Yield a sentence per verdict over several challenges, naming the teachers with that verdict.
 
     Args:
-        comparisons: results of `against_random`.
+        comparisons: results from `against_random`.
         teachers: teachers to name; all by default.
     """
     chosen = [

@@ -1,7 +1,7 @@
 """Means, interquartile means, probabilities of improvement and performance profiles of pooled runs.
 
-In all functions `runs` are rows of `pooling.pool_runs`, and `measure` is a column of them. Runs without it do
-not count, and no run counts twice in a group. Groups are given by the columns `by`, teacher among them,
+In all functions `runs` are rows from `pooling.pool_runs`, and `measure` is a column of them. Runs without it
+do not count, and no run counts twice in a group. Groups are given by the columns `by`, teacher among them,
 compared teachers by the columns `within`, and strata of a sample by the columns `strata`. Over challenges
 these are ``[*ACROSS, "teacher"]``, `ACROSS` and `STRATA`.
 """
@@ -42,7 +42,7 @@ def interquartile_means(
     """Return the interquartile mean of each group of runs, with its interval.
 
     Args:
-        runs: rows of `pooling.pool_runs`.
+        runs: rows from `pooling.pool_runs`.
         measure: column of `runs`.
         by: columns of a group, teacher among them; ``[*ACROSS, "teacher"]`` over challenges.
         strata: columns of the strata of a sample; `STRATA` over challenges.
@@ -80,7 +80,7 @@ def improvements(
     """Return the probability that a run of one teacher beats a run of another, one row per pair.
 
     Args:
-        runs: rows of `pooling.pool_runs`.
+        runs: rows from `pooling.pool_runs`.
         measure: column of `runs`.
         reference: teacher that all others are compared with; None for all pairs.
         within: columns that teachers must have in common to be compared; `ACROSS` over challenges.
@@ -141,7 +141,7 @@ def profiles(
     """Return the performance profile of each group: the share of runs above each threshold, with intervals.
 
     Args:
-        runs: rows of `pooling.pool_runs`.
+        runs: rows from `pooling.pool_runs`.
         measure: column of `runs`.
         thresholds: values of the measure.
         by: columns of a group; ``[*ACROSS, "teacher"]`` over challenges.

@@ -165,7 +165,7 @@ class BudgetComparison:
         return [steps_text(budget), *itertools.chain(*pairs)]
 
     def sentence(self) -> str:
-        """Return a sentence on the agreement of the early budget with the last one."""
+        """Return a sentence about the agreement of the early budget with the last one."""
         last = self.agreements[-1]
         return (
             f"The order of teachers over training after {steps_text(self.budgets[0])} steps agrees with "
@@ -179,7 +179,7 @@ def compare_budgets(frames: Frames, runs: pd.DataFrame) -> BudgetComparison | No
 
     Args:
         frames: results with these runs.
-        runs: rows of `pooling.pool_runs` of one leaderboard.
+        runs: rows from `pooling.pool_runs` for one leaderboard.
     """
     budgets = [budget for budget in BUDGETS if budget <= runs["steps"].min()]
     if len(budgets) < 2 or runs["teacher"].nunique() < 3:

@@ -1,6 +1,6 @@
 """Leaderboards of teachers over all challenges, with estimates for each teacher.
 
-In all functions `runs` are rows of `pooling.pool_runs`, and `measure` is a column of them, in per cent.
+In all functions `runs` are rows from `pooling.pool_runs`, and `measure` is a column of them, in per cent.
 """
 
 import itertools
@@ -71,7 +71,7 @@ class Leaderboard:
         bodies: titles of the bodies if there is one challenge with several, such as Parkour's; else empty.
         entries: teachers, the best in the end first.
         names: shortest distinct label of each teacher; see `names.distinct_labels`.
-        runs: its rows of `pooling.pool_runs`.
+        runs: its rows from `pooling.pool_runs`.
     """
 
     title: str
@@ -101,7 +101,7 @@ class Leaderboard:
         return best
 
     def answer(self) -> str:
-        """Return two sentences on the best teachers: over training, and at the end."""
+        """Return two sentences about the best teachers: over training, and at the end."""
         if len(self.entries) < 2:
             return ""
         leaders = {axis: self.best(axis) for axis in AXES}
@@ -179,8 +179,8 @@ def leaderboards(
     `challenge_sets`. Only runs that have ended count. Levels with the same runs are one.
 
     Args:
-        frames: results of `load`.
-        runs: rows of `pooling.runs_after`; those at the ends of runs by default.
+        frames: results from `load`.
+        runs: rows from `pooling.runs_after`; those at the ends of runs by default.
         subsets: True for the smaller sets of challenges, too.
     """
     boards: dict[tuple[str, ...], list[Leaderboard]] = {}

@@ -80,7 +80,7 @@ def pairwise(
     runs, so that no newcomer changes a verdict on them.
 
     Args:
-        runs: rows of `pooling.pool_runs`; with a step column among `within`, the values of
+        runs: rows from `pooling.pool_runs`; with a step column among `within`, the values of
             `run_measures.evaluations_at`, and so tests along learning curves.
         measure: column of `runs`.
         reference: group that all others are tested against, such as "random", or several groups, which are
@@ -209,8 +209,8 @@ def against_baseline(finals: pd.DataFrame, curves: pd.DataFrame, measures: Itera
     ended, both groups are read at the same step, and the difference is not tested.
 
     Args:
-        finals: rows of `final_evaluations`.
-        curves: rows of `evaluation_curves`.
+        finals: rows from `final_evaluations`.
+        curves: rows from `evaluation_curves`.
         measures: columns of both.
 
     Returns:
@@ -240,8 +240,8 @@ def along_baseline(curves: pd.DataFrame, reference: pd.DataFrame, measure: str) 
     """Return the tests of all teachers against Random at every evaluation, Holm-corrected at each step.
 
     Args:
-        curves: results of `evaluation_curves`, of one comparison.
-        reference: rows of Random among them, of `reference_of`.
+        curves: results from `evaluation_curves`, of one comparison.
+        reference: rows of Random among them, from `reference_of`.
         measure: column of both.
 
     Returns:
@@ -353,7 +353,7 @@ def strata_of(rows: pd.DataFrame, measure: str) -> dict[str, pd.Series]:
     """Return the sample of each stratum by its name: values of `measure`, indexed by run id.
 
     Args:
-        rows: rows of `stratified_runs`; those without the measure do not count.
+        rows: rows from `stratified_runs`; those without the measure do not count.
         measure: column of `rows`.
     """
     return by_challenge(rows.assign(challenge_number=0), measure).get(0, {})

@@ -89,10 +89,10 @@ def _lite_deviations(name: str) -> dict[Hashable, list[float]]:
 def plans_against_random(
     runs: pd.DataFrame, teachers: Collection[str], hours: pd.Series, measure: str = HEADLINE
 ) -> list[str]:
-    """Return sentences on the runs and hours that undecided comparisons with Random need.
+    """Return sentences about the runs and hours that undecided comparisons with Random need.
 
     Args:
-        runs: rows of `pooling.pool_runs`.
+        runs: rows from `pooling.pool_runs`.
         teachers: names of the teachers.
         hours: wall-clock hours of each run, by run id.
         measure: column of `runs`, in per cent.

@@ -1,6 +1,6 @@
 """Ranks of teachers over challenges: core teachers among themselves, and newcomers among the core.
 
-In all functions `runs` are rows of `pooling.pool_runs`, and `measure` is a column of them, in per cent.
+In all functions `runs` are rows from `pooling.pool_runs`, and `measure` is a column of them, in per cent.
 """
 
 from collections.abc import Collection, Mapping

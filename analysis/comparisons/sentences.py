@@ -42,8 +42,8 @@ def findings(summary: pd.DataFrame, tests: pd.DataFrame) -> list[str]:
     """Return the sentences that open a comparison in a report, based on the headline measure.
 
     Args:
-        summary: rows of `evaluations.summarise`.
-        tests: rows of `pairwise.against_baseline`, of the same comparison.
+        summary: rows from `evaluations.summarise`.
+        tests: rows from `pairwise.against_baseline`, of the same comparison.
     """
     evaluated = summary[summary["n"] > 0]
     if evaluated.empty:
@@ -86,7 +86,7 @@ def _gap(difference: float) -> str:
 
 
 def _certainty(ranked: pd.DataFrame, sooner: pd.DataFrame, end: pd.DataFrame) -> list[str]:
-    """Return sentences on the tests of finished teachers against Random, over training and at the end."""
+    """Return sentences about the tests of finished teachers against Random, over training and at the end."""
     best = ranked["teacher"].iloc[0]
     if len(ranked) == 1:
         return []
@@ -131,7 +131,7 @@ def ranking(frames: Frames, share: float = 1.0, measure: str = HEADLINE) -> pd.D
     """Return the ranking of teachers on each challenge and level, from runs pooled as in the paper.
 
     Args:
-        frames: results of `load`.
+        frames: results from `load`.
         share: share of the budget at which runs are measured.
         measure: name of one of `tested.MEASURES`.
 
@@ -167,13 +167,13 @@ def ranked(runs: pd.DataFrame, measure: str = HEADLINE) -> pd.DataFrame:
 
 
 def ranking_sentences(table: pd.DataFrame) -> list[str]:
-    """Return sentences on the tests against Random in a `ranking`."""
+    """Return sentences about the tests against Random in a `ranking`."""
     tested = table[table["p"].notna()].rename(columns={"teacher": "first"})
     return sentences(tested.assign(second=BASELINE))
 
 
 def sentences(tests: pd.DataFrame) -> list[str]:
-    """Return sentences on tests (rows of `pairwise.pairwise`), those against Random first.
+    """Return sentences about tests (rows from `pairwise.pairwise`), those against Random first.
 
     Opponents with the same verdicts share a sentence. Differences are significant where p is under 0.05 after
     Holm's correction.

@@ -32,8 +32,8 @@ class ResultSet:
 
     name: str  # name on pages
     engine: str  # simulator of the worlds
-    table: pd.DataFrame  # results of `pooling.pooled`, or of `reference.paper_frame`
-    runs: pd.DataFrame | None = None  # rows of `pooling.pool_runs`; None for published tables
+    table: pd.DataFrame  # results from `pooling.pooled`, or from `reference.paper_frame`
+    runs: pd.DataFrame | None = None  # rows from `pooling.pool_runs`; None for published tables
     frames: Frames | None = None  # results of the root; None for published tables
 
 
@@ -50,7 +50,7 @@ def result_set(frames: Frames, name: str) -> ResultSet:
 def named_jointly(
     yours: ResultSet, baselines: Sequence[ResultSet]
 ) -> tuple[ResultSet, list[ResultSet], tuple[str, ...]]:
-    """Return the result sets with names unambiguous across all of them, and a sentence on each new name.
+    """Return the result sets with names unambiguous across all of them, and a sentence about each new name.
 
     A name such as PPO may stand for other settings, or another version, in another root.
     """
@@ -97,7 +97,7 @@ def comparable_runs(
     Args:
         yours: results of the reader.
         baselines: other results.
-        frames: results of `joined_frames`, if they have been joined.
+        frames: results from `joined_frames`, if they have been joined.
         along: True for every evaluation instead of the ends of runs.
 
     Returns:
@@ -133,7 +133,7 @@ def head_to_head(runs: pd.DataFrame, teachers: Sequence[str], measure: str = HEA
 
 
 def incomparable(yours: ResultSet, baselines: Sequence[ResultSet], runs: pd.DataFrame) -> list[str]:
-    """Return a sentence on each baseline without comparable `runs`: the reason, and what to run."""
+    """Return a sentence about each baseline without comparable `runs`: the reason, and what to run."""
     sentences = []
     for baseline in baselines if len(yours.table) else ():
         if baseline.name in set(runs["source"]):

@@ -46,7 +46,7 @@ class Frames:
             in the campaigns of `core`. Ambiguous names are split by `naming.disambiguate_names`.
         evaluations: run_id, step, test_set, task_index, episodic_return, and mastered, True if that is over
             the threshold of its run.
-        measured: one row per run and evaluation, of `loading.evaluation_measures`.
+        measured: one row per run and evaluation, from `loading.evaluation_measures`.
         test_tasks: test_set, task_index, task (float32 (d,)).
         cell_warnings: warnings about cells and evaluations, to be read before trusting a comparison.
         results: source of the long tables.
@@ -77,7 +77,7 @@ class Frames:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Warnings, and sentences on skipped files."""
+        """Warnings, and sentences about skipped files."""
         return (*self.warnings, *self.skipped_files)
 
     @functools.cached_property

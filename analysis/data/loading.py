@@ -123,7 +123,7 @@ def _joined_cells(frames: Sequence[Frames], roots: Mapping[str, int]) -> pd.Data
 
 
 def _named_cells(cells: pd.DataFrame) -> tuple[pd.DataFrame, tuple[str, ...]]:
-    """Return cells with unambiguous names and experiments, and a sentence on each new name."""
+    """Return cells with unambiguous names and experiments, and a sentence about each new name."""
     (cells,), names = disambiguate_names([cells])
     cells, experiments = split_experiments(with_plain_texts(cells))
     return cells, (*names, *experiments)

@@ -114,7 +114,7 @@ def area_over(budget: pd.Series, ends: pd.DataFrame) -> pd.Series:
 
     Args:
         budget: steps of each run.
-        ends: last row of `measured_so_far` of each run, with the same index.
+        ends: last row of each run from `measured_so_far`, with the same index.
     """
     share = ends["step"].astype(float) / budget
     return share * ends["mastered_area"] + (1 - share) * ends["mastered_percent"]
@@ -183,7 +183,7 @@ def ceiling_percent(frames: Frames, environment: str) -> float | None:
 
 
 def ceiling_sentences(frames: Frames) -> list[str]:
-    """Return sentences on how many test tasks any run masters, one per row of `ceilings`."""
+    """Return sentences about how many test tasks any run masters, one per row of `ceilings`."""
     return [
         f"Ceiling: of the {row['tasks']} tasks of test set {row['test_set']}, {row['ever']} are mastered by "
         f"any run at any evaluation, {row['last']} at the last one; the best evaluation of a run masters "

@@ -168,7 +168,7 @@ def pooled(
     """Return the result of each teacher: n, mean and standard deviation of measures over its pool.
 
     Args:
-        runs: rows of `pool_runs`, one per run; a run without the first measure is not counted.
+        runs: rows from `pool_runs`, one per run; a run without the first measure is not counted.
         measures: columns of `runs`.
         by: columns of `PARTS`, for a row per embodiment or student; or step, for learning curves of
             `evaluations_at`.
@@ -239,7 +239,7 @@ def levels_together(runs: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
     """Return `runs` with levels of expert knowledge merged where their runs are the same.
 
     Args:
-        runs: rows of `pool_runs`.
+        runs: rows from `pool_runs`.
         by: columns that runs of a comparison have in common, except the level.
     """
     parts = []
@@ -346,7 +346,7 @@ def runs_after(frames: Frames, share: float = 1.0, *, training: bool = True) -> 
     """Return the runs behind all results, measured after a share of their budgets; see `result_runs`.
 
     Args:
-        frames: results of `load`.
+        frames: results from `load`.
         share: share of the budget; 1 for the ends of runs.
         training: True for the mean return of training, which needs more files.
     """
@@ -359,7 +359,7 @@ def result_runs(frames: Frames, values: pd.DataFrame) -> pd.DataFrame:
     If no runs have the paper's students, those of other students, such as PPO, are the pool.
 
     Args:
-        frames: results of `load`.
+        frames: results from `load`.
         values: measures by run_id, as from `run_measures` or `evaluations_at`.
     """
     return _with_values(_members(frames), values)

@@ -258,8 +258,8 @@ def trained_areas(curves: Curves, runs: pd.DataFrame, teacher: str, strata: Sequ
     those without training windows, have no value.
 
     Args:
-        curves: learning curves of `trained_curves`.
-        runs: rows of `pooling.pool_runs`, of one level and budget.
+        curves: learning curves from `trained_curves`.
+        runs: rows from `pooling.pool_runs`, of one level and budget.
         teacher: teacher that does not train on all steps.
         strata: columns of the strata's keys.
     """

@@ -51,7 +51,7 @@ QUANTITIES = {
 
 
 def how_tested(family: str) -> str:
-    """Return a sentence on the scale of tests and their correction within a family."""
+    """Return a sentence about the scale of tests and their correction within a family."""
     return f"Tests are of what is shown, in per cent; Holm's correction covers {family}."
 
 
@@ -80,7 +80,7 @@ def compared(sample: pd.Series, reference: pd.Series, seeds: Seeds) -> Compariso
     Args:
         sample: one value per run, indexed by run id.
         reference: values of the other sample.
-        seeds: seeds of `seeds_to_pair`.
+        seeds: seeds from `seeds_to_pair`.
     """
     if are_paired([sample, reference], seeds):
         return paired_strata([(sample, reference)], [1.0], seeds)
@@ -158,7 +158,7 @@ AXES: Final = {HEADLINE: "sooner", FINAL: "in the end"}
 
 
 def verdict(test: pd.Series | Mapping[str, Any]) -> str:
-    """Return the `Verdict` of a row of `pairwise.pairwise`, or the reason for no test."""
+    """Return the `Verdict` of a row from `pairwise.pairwise`, or the reason for no test."""
     if test["reason"]:
         return str(test["reason"])
     if test["holm"] < SIGNIFICANCE:

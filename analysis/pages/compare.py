@@ -46,9 +46,9 @@ def challenge_sections(
     """Yield a section per challenge and level: the reader's results among comparable ones.
 
     Args:
-        runs: runs of `sources.comparable_runs`, at their ends.
-        curves: runs of `sources.comparable_runs`, at every evaluation.
-        tests: tests of `sources.head_to_head`.
+        runs: runs from `sources.comparable_runs`, at their ends.
+        curves: runs from `sources.comparable_runs`, at every evaluation.
+        tests: tests from `sources.head_to_head`.
         measure: one of `tested.MEASURES`; learning curves are of each evaluation.
     """
     if runs.empty:

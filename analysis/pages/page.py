@@ -146,7 +146,7 @@ def overall_section(runs: pd.DataFrame, measure: str = HEADLINE) -> dict[str, An
     """Return the template content of the section on all challenges together.
 
     Args:
-        runs: rows of `pooling.pool_runs` of all results.
+        runs: rows from `pooling.pool_runs` for all results.
         measure: measure that is aggregated.
     """
     counted, quantity = runs[runs[measure].notna()], QUANTITIES[measure]

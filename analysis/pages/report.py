@@ -259,7 +259,7 @@ def write_report(
     Args:
         sources: results roots and baselines with runs: folders, addresses, names.
         output: folder to write to; ``report`` in the first of `sources` if that is a folder.
-        videos: videos to embed, of `wanted_videos`.
+        videos: videos to embed, from `wanted_videos`.
         reload: interval at which an open page reloads, in seconds; 0 for never.
 
     Returns:

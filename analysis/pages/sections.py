@@ -52,7 +52,7 @@ class Answer:
     """Leaderboard at the top of a report: sentence, chart and matrix."""
 
     title: str  # level, budget and engine
-    sentence: str  # sentence on the best teachers
+    sentence: str  # sentence about the best teachers
     chart: PageChart  # differences from Random over all challenges
     columns: list[str]  # column headings: all challenges or bodies, then each one
     rows: list[Row]  # one row per teacher, with the best final results first
@@ -110,7 +110,7 @@ class Section:
     step_rows: Mapping[str, Mapping[str, Mapping[str, str]]]  # texts of the table by step, teacher and column
     points: pd.DataFrame  # teacher, seed, step (or `END`) and value of every run
     charts: Sequence[PageChart]  # charts with all teachers
-    sentences: Sequence[str] = ()  # sentences on the findings
+    sentences: Sequence[str] = ()  # sentences about the findings
     panels: Sequence[PageChart] = ()  # charts with a panel per teacher
     pictures: Sequence[Picture] = ()  # static figures
 

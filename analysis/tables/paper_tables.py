@@ -36,7 +36,7 @@ class TableResults:
         rows: results, with the columns `RESULTS`.
         matrices: embodiments and students of each challenge.
         name: tag in file names; empty for the first results of a root.
-        remark: sentence on the runs.
+        remark: sentence about the runs.
     """
 
     rows: pd.DataFrame
@@ -64,7 +64,7 @@ def table_results(frames: Frames, step: int | None = None) -> list[TableResults]
     Students that are not the paper's have groups of their own.
 
     Args:
-        frames: result of `load`.
+        frames: result from `load`.
         step: step at which runs are measured; None for their ends.
     """
     cells, values = pooling.without_searches(frames.cells), run_measures(frames, step)
@@ -82,7 +82,7 @@ def results_of(frame: pd.DataFrame) -> pd.DataFrame:
     """Convert pooled or published results to the columns `RESULTS`.
 
     Args:
-        frame: results of `pooling.pooled`, with or without embodiment, or of `reference.paper_frame`.
+        frame: results from `pooling.pooled`, with or without embodiment, or from `reference.paper_frame`.
     """
     table = frame.rename(columns={"mastered_percent_mean": "mean", "mastered_percent_std": "std"})
     if "pool" in table:
@@ -172,7 +172,7 @@ def hyperparameters(results: pd.DataFrame | None = None) -> ResultTable:
     """Return the table of searched hyper-parameters: values tried, the paper's choice, the best point.
 
     Args:
-        results: result of `search_results`; None without a search.
+        results: result from `search_results`; None without a search.
     """
     results = pd.DataFrame(columns=SEARCH_COLUMNS) if results is None else results
     columns = {"values": "Values tried", "chosen": "The paper's choice", "found": "Best found"}

@@ -82,8 +82,8 @@ def completed_looks(
 
     Args:
         design: design of the trial.
-        released: runs of the release, of `design.released_runs`.
-        runs: runs of the new teacher, of `design.ended_runs`.
+        released: runs of the release, from `design.released_runs`.
+        runs: runs of the new teacher, from `design.ended_runs`.
         affordable: index of the last look within the budget; None for all.
     """
     affordable = len(design.looks) - 1 if affordable is None else affordable
@@ -295,13 +295,13 @@ def _verdict(pair: Sequence[LookComparison]) -> str:
 
 
 def _quantity(design: Design) -> str:
-    """Return a phrase on the unit of the differences in all measures."""
+    """Return a phrase about the unit of the differences in all measures."""
     parts = [f"{AVERAGING[measure]} ({AXES[measure]})" for measure in design.axes]
     return f"points of test tasks mastered {' and '.join(parts)}"
 
 
 def _margins(design: Design) -> str:
-    """Return a clause on the equivalence margins."""
+    """Return a clause about the equivalence margins."""
     margins = [f"{design.margin_of(measure):g} ({AXES[measure]})" for measure in design.axes]
     return f"alike is within {' and '.join(margins)} points"
 
