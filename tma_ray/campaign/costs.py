@@ -198,7 +198,7 @@ def machine_speed(at_once: int) -> float:
 def measure(spec: RunSpec, config: ExecutionConfig) -> Throughput:
     """Measure the speed of a run on one task without a teacher, in about two seconds.
 
-    It counts processor time, which other processes hardly affect, or wall time with a GPU.
+    Time is processor time, which other processes hardly affect, or wall time with a GPU.
     """
     environment = new_environment(spec)
     observations, actions = environment.observation_space, environment.action_space

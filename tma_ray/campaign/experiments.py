@@ -24,8 +24,8 @@ def execute_experiment(experiment: Experiment, options: ExperimentOptions) -> in
 def experiment_plan(experiment: Experiment, options: ExperimentOptions) -> Plan:
     """Return the plan of the selected part of `experiment`.
 
-    Stage, challenges, bodies and levels narrow the experiment. Students replace its own, as do teachers where
-    it leaves them open. Seeds are indices into each matrix's seeds.
+    The options' stage, challenges, bodies and levels narrow the experiment. Their students replace its own,
+    as do their teachers where it leaves them open. Their seeds are indices into each matrix's seeds.
 
     Raises:
         ValueError: if a name is unknown, or nothing is left to run.

@@ -311,7 +311,7 @@ REFRESH_SECONDS = 5.0  # time between two updates of the live status, s
 def show_status(root: str | Path, cells: bool = False, console: Console | None = None) -> bool:
     """Print the state of a root's campaigns and the causes of failures, and return True if runs failed.
 
-    With `cells` there is a line per cell, otherwise one for the cells of all teachers.
+    With `cells`, one line is printed per cell, otherwise one for all teachers and levels together.
     """
     now = time.time()
     state = overview(root, now)

@@ -183,10 +183,10 @@ class Curriculum:
         """Wrap a vector environment of any autoreset mode to play the tasks of the curriculum.
 
         Args:
-            worlds: vector environment: one of the benchmark's, made with `gymnasium.make_vec`; a
-                `SyncVectorEnv`, whose environments are wrapped in place; or an `AsyncVectorEnv`, which is
-                closed and restarted. In the mode SAME_STEP, the benchmark's environments take the next task
-                before the teacher observes the episode that ends in the step.
+            worlds: vector environment of the benchmark, made with `gymnasium.make_vec`; a `SyncVectorEnv`,
+                whose environments are wrapped in place; or an `AsyncVectorEnv`, which is closed and
+                restarted. In the mode SAME_STEP, the benchmark's environments take the next task before the
+                teacher observes the episode that ends in the step.
             apply: function as for `wrap`.
 
         Raises:

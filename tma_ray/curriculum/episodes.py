@@ -128,7 +128,7 @@ def next_assignment(
     """Return the next assignment for the training loop, after playing any episodes without learning.
 
     Returns:
-        Assignment, and the `seed` of the next `reset` if no episode has used it.
+        The assignment, and the `seed` for the next `reset`, None if an episode has used it.
     """
     assignment = link.begin()
     while not (assignment.trains or link.marks_withheld):

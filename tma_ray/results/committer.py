@@ -80,7 +80,8 @@ class Committer:
     """Publisher of runs' results; a results root has at most one at a time.
 
     Every method can be repeated after a crash and then leads to the same files. Readers never see half of an
-    evaluation or the same one twice, since files become visible and move when a run's manifest is replaced.
+    evaluation or the same one twice, since files only become visible, or move, when a run's manifest is
+    replaced.
     Publications raise a StaleAttemptError if a later attempt is accepted, or the run is done.
 
     Args:

@@ -145,7 +145,7 @@ def usable_cores(root: Path = Path("/")) -> int:
     """Return the number of cores that this process may use, at least 1.
 
     It is limited by the CPU affinity, as set by ``taskset`` or a batch system, and by the quota of control
-    groups, as set for a container, rounded down.
+    groups (rounded down), as set for a container.
 
     Args:
         root: folder that holds ``proc`` and ``sys``.

@@ -68,7 +68,7 @@ class Run:
     once the teacher has chosen its next task.
 
     Raises:
-        ValueError: if environment or student is a plug-in with another source than planned.
+        ValueError: if environment or student is a plug-in whose source differs from the planned one.
     """
 
     def __init__(

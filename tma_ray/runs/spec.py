@@ -29,8 +29,8 @@ class Schedule:
 
     Attributes:
         steps: training budget.
-        evaluation_interval: interval between evaluations on the test set; there is one before the first step
-            and one after the last, too.
+        evaluation_interval: interval between evaluations on the test set; the first evaluation comes before
+            the first step, the last one after the last step.
         probe_interval: interval between probes of the curriculum.
         probe_size: number of tasks of a probe.
         training_window: length of the windows of training statistics.

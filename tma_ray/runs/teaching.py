@@ -72,7 +72,7 @@ def _can_be_pickled(value: object) -> bool:
 class CheckedTeacher:
     """Wrapper around a started teacher that checks its tasks and queries.
 
-    Every method raises ValueError if the teacher returns anything that it does not declare.
+    Every method raises a ValueError if the teacher returns anything that its class does not declare.
 
     Args:
         teacher: teacher after `start`.
@@ -129,7 +129,7 @@ class InlineTeacher:
     """Link to the teacher of `spec` in this process.
 
     Raises:
-        ValueError: if the teacher refuses a hyper-parameter, or a plug-in has another source.
+        ValueError: if the teacher refuses a hyper-parameter, or its source differs from the planned one.
     """
 
     def __init__(self, spec: RunSpec) -> None:
@@ -153,7 +153,7 @@ class InlineTeacher:
         """Report a finished episode (None before the first) and return the teacher's reply.
 
         Raises:
-            ValueError: if the teacher does not propose a task of its space.
+            ValueError: if the teacher proposes a task outside its space.
         """
         query = None if episode is None else self._checked.observe(episode)
         return self._reply(query)

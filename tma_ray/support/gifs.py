@@ -19,7 +19,7 @@ def gif_bytes(frames: Sequence[NDArray[np.uint8]], seconds: float | Fraction, pa
     """Return a looping GIF whose frames share one palette, so that static areas do not flicker.
 
     Args:
-        frames: pictures (height, width, 3) of one size, red, green and blue.
+        frames: RGB images (height, width, 3), all of the same size.
         seconds: duration of a frame.
         pause: further duration of the last frame, seconds.
     """

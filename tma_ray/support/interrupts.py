@@ -1,6 +1,6 @@
 """Handling of Ctrl-C at any time during a command: exit code 130 without a traceback.
 
-It is imported first, and so imports only modules that are loaded already.
+This module is imported first, and so imports only modules that are loaded already.
 """
 
 from __future__ import annotations

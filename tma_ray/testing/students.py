@@ -11,8 +11,8 @@ from which its episodic return follows, R = -100 + 400 k(q) + noise. An episode 
     k_i <- (1 - phi) (k_i + eta (1 - D_i / L) r(q) K_i(q) (1 - k_i)),        r(q) = k(max(q - zone, 0)),
 
 - r, *readiness*: a task teaches as far as the student masters those that are a little easier in every
-  dimension: learning happens in the zone of proximal development (Vygotsky 1978), beyond which it is nothing;
-  what lies within one zone of the easiest task needs no preparation (r = 1). It is a smooth form of the toy
+  dimension, since learning happens only in the zone of proximal development (Vygotsky 1978); what lies
+  within one zone of the easiest task needs no preparation (r = 1). This is a smooth form of the toy
   spaces of Portelas et al. 2019, whose hypercubes are locked until a neighbour has been trained enough;
 - K_i: experience carries to similar tasks and no further (gradients of generalisation, Shepard 1987);
 - 1 - k_i: learning slows down, and mastered tasks teach nothing (exponential curves, Heathcote et al. 2000);

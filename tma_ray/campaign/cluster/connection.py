@@ -122,7 +122,8 @@ class LocalHead:
     """Head of a private Ray instance whose processes are children of this process.
 
     Its servers listen on the loopback address only, metrics servers are off, and every request needs a token
-    known only to its processes. Its files are in a folder that only this user can open, removed at exit.
+    known only to its processes. Its files are in a folder that only this user can open and that is removed
+    at exit.
 
     Raises:
         HeadLostError: if Ray does not start; its processes have been killed.

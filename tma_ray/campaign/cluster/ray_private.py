@@ -19,7 +19,7 @@ ALIVE: Final = 0  # state of a live node in the head's list
 def living_nodes() -> list[dict[str, Any]]:
     """Return Ray's records of live nodes.
 
-    Without a head it blocks until Ray ends this process. `ray.nodes` would start Ray if none runs.
+    Without a head, the call blocks until Ray ends this process. `ray.nodes` would start Ray if none runs.
     Tested by ``tests/campaign/test_own_ray.py``.
     """
     nodes: list[dict[str, Any]] = state.node_table()  # type: ignore[no-untyped-call]

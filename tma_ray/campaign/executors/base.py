@@ -22,7 +22,7 @@ class AttemptEnd:
         run_id: id of the run.
         outcome: outcome of the attempt.
         files: canonical result files of a run that is done.
-        reason: traceback of a failure, or one line on a loss.
+        reason: traceback of a failure, or one line about a loss.
         without_fault: True for a loss that the run did not cause; such losses are not counted.
     """
 
