@@ -59,7 +59,7 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
         render_mode: None, "rgb_array" or "human".
 
     Attributes:
-        algorithm_version: part of the identity of every run, raised with each change of worlds, bodies,
+        algorithm_version: part of the identity of every run, increased with each change of worlds, bodies,
             observations or rewards that the version of the physics does not cover.
         task_space: tasks that a teacher may choose; `reset` accepts more.
         valid_domain: tasks that `reset` accepts.

@@ -94,7 +94,7 @@ class Engine(Protocol):
 def first_steps(engine: Engine, hanging: bool) -> NDArray[np.float32]:
     """Run the steps before an episode, with closed grips if `hanging`, and return the observation (o,).
 
-    They do not count as steps under or outside water.
+    These steps do not count as steps under or outside water.
     """
     motors, grips = len(engine.arrays.motors), len(engine.arrays.grips)
     action = np.zeros(motors + grips)

@@ -294,9 +294,9 @@ def observe(
 ) -> None:
     """Write the `observation` (o,), in the units and order of the original release.
 
-    It has the head's state; with `observes_medium`, flags for a head under water and for a body that was dead
-    before the step; joints and contacts; flags for grip sensors that touch and that hold; lidar distances and
-    the kinds of objects hit. `medium` is from before this step.
+    Its values are the head's state; with `observes_medium`, flags for a head under water and for a body that
+    was dead before the step; joints and contacts; flags for grip sensors that touch and that hold; lidar
+    distances and the kinds of objects hit. `medium` is from before this step.
     """
     head = state[body.head]
     observation[0] = head[2]

@@ -51,7 +51,7 @@ class Student(ABC):
     ``Student(observation_space, action_space, hyperparameters, seed, device, threads)``.
 
     Attributes:
-        algorithm_version: version in the identity of every run, raised with each change of behaviour; None
+        algorithm_version: version in the identity of every run, increased with each change of behaviour; None
             for plug-ins identified by their source alone.
         hyperparameters_type: frozen dataclass of the hyper-parameters.
         gamma: discount factor.

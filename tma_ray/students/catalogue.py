@@ -132,7 +132,8 @@ def make_rollout_worker(
 ) -> RolloutWorker:
     """Return a new rollout worker that has joined the cohort of `learner`.
 
-    It has the initial weights and the noise of the student that `make_student` returns for these arguments.
+    The worker has the initial weights and noise of the student that `make_student` returns for these
+    arguments.
 
     Raises:
         ValueError: if the student cannot learn in a cohort, or `make_student` would raise it.
@@ -187,8 +188,8 @@ def canonical_student(name: str, overrides: Mapping[str, Any] | None = None) -> 
 def load_policy(name: str, folder: Path, device: str = "cpu") -> Policy:
     """Return the greedy policy that the student called `name` saved in `folder`.
 
-    It acts as the student did, bit for bit on the same machine with as many threads. The folder may come
-    from anywhere: only JSON and safetensors are read, never a pickle.
+    The policy acts as the student did, bit for bit on the same machine with as many threads. The folder may
+    come from anywhere: only JSON and safetensors are read, never a pickle.
 
     Raises:
         UnknownNameError: if no student has this `name`.
@@ -200,7 +201,7 @@ def load_policy(name: str, folder: Path, device: str = "cpu") -> Policy:
 def policy_layers(name: str, folder: Path) -> nn.Sequential:
     """Return the layers of the greedy policy that the student called `name` saved in `folder`.
 
-    They map raw observations (n, o) to actions (n, a), normalisation and bounds included.
+    The layers map raw observations (n, o) to actions (n, a), normalisation and bounds included.
 
     Raises:
         UnknownNameError: if no student has this `name`.

@@ -53,8 +53,8 @@ class Teacher(ABC):
     Between episodes it may call `probe`.
 
     Attributes:
-        algorithm_version: part of the identity of every run, raised with each change that gives other tasks;
-            None for a plug-in, which is identified by its source.
+        algorithm_version: part of the identity of every run, increased with each change that gives other
+            tasks; None for a plug-in, which is identified by its source.
         knowledge_levels: levels of expert knowledge that make a difference to the teacher, in rising order.
             It needs at least the first. At a level that is not listed it behaves as at the next lower one,
             so that such runs are shared.

@@ -58,7 +58,7 @@ def units_of(widths: Array) -> Array:
 def fit_mixture(rows: Array, most_components: int, seed: int, units: Array | float = 1.0) -> Mixture:
     """Return the mixture of lowest AIC among fits of 2 to `most_components` full-covariance components.
 
-    Each fit has one initialisation without warm start, and one thread, for reproducible bits.
+    Each fit has one initialisation without warm start, and one thread, for bitwise reproducibility.
 
     Args:
         rows: data (n, c), to which at most n - 1 components are fitted.

@@ -28,7 +28,7 @@ def one_thread() -> AbstractContextManager[object]:
 
 
 def draw_in_proportion(scores: ArrayLike, rng: np.random.Generator) -> int:
-    """Draw an index with a probability in proportion to non-negative `scores` (k,), uniform if all are 0."""
+    """Draw an index with probability proportional to non-negative `scores` (k,), uniform if all are 0."""
     cumulative = np.cumsum(scores)
     total = cumulative[-1]
     if total <= 0:
@@ -37,13 +37,13 @@ def draw_in_proportion(scores: ArrayLike, rng: np.random.Generator) -> int:
 
 
 def shares_of(scores: Array) -> Array:
-    """Return the probabilities (k,) of `draw_in_proportion` for `scores` (k,)."""
+    """Return the probabilities (k,) with which `draw_in_proportion` draws indices for `scores` (k,)."""
     total = scores.sum()
     return scores / total if total > 0 else np.full(len(scores), 1 / len(scores))
 
 
 def softmax(scores: Array, temperature: float) -> Array:
-    """Return probabilities (k,) in proportion to exp(scores / temperature)."""
+    """Return probabilities (k,) proportional to exp(scores / temperature)."""
     weights = np.exp((scores - scores.max()) / temperature)
     return np.asarray(weights / weights.sum(), dtype=np.float64)
 
@@ -69,7 +69,7 @@ def draw_in_box(space: TaskSpace, box: Array, rng: np.random.Generator) -> Task:
 
 
 class UnitBox:
-    """Transform between tasks and points in the unit box that leaves out constant dimensions.
+    """Transform between tasks and points of a unit box that has only the non-constant dimensions.
 
     Attributes:
         free: mask of the dimensions that are not constant (d,).

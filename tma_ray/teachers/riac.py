@@ -128,7 +128,7 @@ def random_cuts(
 ) -> tuple[NDArray[np.intp], NDArray[np.float32]]:
     """Return the dimensions and thresholds of `count` random cuts, empty if there is no valid cut.
 
-    They are uniform in the box `bounds` (2, d), given that both parts keep at least the `fewest`
+    Cuts are uniform in the box `bounds` (2, d), given that both parts keep at least the `fewest`
     of the tasks (n, d). Such thresholds lie between two order statistics.
     """
     ordered = np.sort(tasks, axis=0)

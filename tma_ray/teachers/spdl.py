@@ -80,11 +80,11 @@ def self_paced_update(
 ) -> FullGaussian:
     """Return the update of `current` that maximises E[V] - penalty * KL(new || target).
 
-    It is a line search along the natural gradient, within a bound on KL(current || new). The expectation is
-    estimated by importance weights.
+    The update is a line search along the natural gradient, within a bound on KL(current || new). The
+    expectation is estimated by importance weights.
 
     Sources: Klink et al. 2020, algorithm 1. The original release takes the same direction, up to 1.5 times
-    the bound. Unlike there, the mean of the values is subtracted before weighting: this changes no
+    the bound. Unlike in that release, the mean of the values is subtracted before weighting: this changes no
     expectation, but otherwise the noise of the sum of weights outweighs the penalty, and flat values keep the
     distribution away from its target.
 

@@ -64,7 +64,7 @@ class ClosedForm:
     def divergence(self, weight: float) -> float:
         """Return KL(best || current) in nats, infinite if the objective is unbounded.
 
-        It decreases with `weight`.
+        The divergence decreases with `weight`.
         """
         best = self.best(weight)
         if best is None:

@@ -1,18 +1,18 @@
-/* Pictures: worlds with bodies, and the plane of tasks. Colours are variables of style.css. */
+/* Drawing of worlds with bodies, and of the plane of tasks. Colours are variables of style.css. */
 
-const WIDEST = 21, NARROWEST = 9, LOWEST = 6, METRE = 42; /* metres in view, and pixels of one */
+const WIDEST = 21, NARROWEST = 9, LOWEST = 6, METRE = 42; /* sizes of a view in metres, and pixels per metre */
 
 const shades = new Map();
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => shades.clear());
 
-/** Returns a colour of the present mode by its name. */
+/** Returns a colour of the current mode, light or dark, by name. */
 const colour = (name) => {
   if (!shades.has(name))
     shades.set(name, getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim());
   return shades.get(name);
 };
 
-/** Fits a canvas to its place on the page; returns its context, in CSS pixels. */
+/** Fits a canvas to its size on the page; returns its context and size, in CSS pixels. */
 function fitted(canvas) {
   const { width, height } = canvas.getBoundingClientRect(), ratio = window.devicePixelRatio || 1;
   if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
@@ -24,7 +24,7 @@ function fitted(canvas) {
   return { context, width, height };
 }
 
-/** A window on a world: where its metres are on the canvas. */
+/** A view of a world, which maps metres to pixels of the canvas. */
 class Camera {
   constructor() {
     this.x = null;
@@ -56,7 +56,7 @@ class Camera {
   }
 }
 
-/** Draws the world of `runners`, which have one terrain, as `camera` sees it. */
+/** Draws the world that `runners` share, in the view of `camera`. */
 function drawWorld(context, camera, terrain, runners, look) {
   const { left, top, width, height } = camera.room;
   context.save();
@@ -109,7 +109,7 @@ function drawSolid(context, camera, surface, edge, fill, line) {
   context.fill();
 }
 
-/** Returns the height of the ground at an x. */
+/** Returns the height of the ground at `x`. */
 function groundAt(terrain, x) {
   const { shape, values } = terrain.surface;
   for (let at = 0; at < 4 * shape[0]; at += 4)
@@ -214,7 +214,7 @@ function drawName(context, camera, runner) {
 
 const INSET = { left: 40, right: 12, top: 10, bottom: 34 };
 
-/** The plane of two dimensions of the tasks: what was trained on, what is mastered, and the task that is played. */
+/** Plane of two task dimensions, with the curriculum, the mastered test tasks and the task that is played. */
 class Plane {
   constructor(canvas, choose) {
     this.canvas = canvas;
@@ -237,7 +237,7 @@ class Plane {
     return low + share * (high - low);
   }
 
-  /** Draws the plane: `space` are dimensions, `tests` and `curriculum` tasks of a policy, `task` is played. */
+  /** Draws two dimensions of `space`, the `tests` and `curriculum` of a policy, and the `task` that is played. */
   draw({ space, axes, tests, mastered, curriculum, tint, task }) {
     Object.assign(this, { space, axes });
     const { context, width, height } = fitted(this.canvas);
@@ -292,5 +292,5 @@ class Plane {
   }
 }
 
-/** Returns a name of the code as a person writes it. */
+/** Returns an identifier with spaces in place of underscores. */
 const spoken = (name) => name.replaceAll("_", " ");

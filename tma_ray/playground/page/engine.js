@@ -1,14 +1,14 @@
-/* The compiled engine: a body in a world, as tma_ray.physics.compiled has it, with memory laid out by Python. */
+/* The compiled engine of tma_ray.physics.compiled: a body in a world, with memory laid out by Python. */
 
 const KINDS = { double: Float64Array, float: Float32Array, i64: BigInt64Array, bool: Uint8Array };
 
-/** Returns an array as the engine takes it: its kind, its sizes and its values one after the other. */
+/** Returns an array in the form that the engine takes: element type, shape and flat values. */
 const array = (kind, shape, values) => ({ kind, shape, values });
 
-/** Creepers that swing, as tma_ray.physics.creepers has them: on the page none does. */
+/** Swinging creepers, as `Chains` of tma_ray.physics.chipmunk: none on the page. */
 const NO_CHAINS = [[0], [0], [0], [0, 2], [0, 2, 2]].map((shape, index) => array(index ? "double" : "i64", shape, []));
 
-/** An instance of the WebAssembly with its own memory. */
+/** An instance of the WebAssembly module with its own memory. */
 class Machine {
   constructor(module) {
     this.exports = new WebAssembly.Instance(module, {}).exports;
@@ -17,7 +17,7 @@ class Machine {
     this.results = this.exports.keep(512);
   }
 
-  /** Copies an array into memory that lasts until `drop`. */
+  /** Copies an array into memory that stays allocated until `drop`. */
   keep({ kind, shape, values }) {
     const at = this.exports.keep(Math.max(values.length, 1) * KINDS[kind].BYTES_PER_ELEMENT);
     const kept = { kind, shape, at };
@@ -30,12 +30,12 @@ class Machine {
     this.exports.drop(kept.at);
   }
 
-  /** Returns an array of the memory; the next call may make a new one necessary. */
+  /** Returns a view of an array in memory, valid until the next call, which may grow the memory. */
   view({ kind, shape, at }) {
     return new KINDS[kind](this.exports.memory.buffer, at, shape.reduce((product, size) => product * size, 1));
   }
 
-  /** Calls an exported kernel with numbers, kept arrays and tuples of these; returns all numbers of its result. */
+  /** Calls an exported kernel with numbers, kept arrays and tuples of these; returns the numbers of its result. */
   call(name, ...values) {
     const flat = [];
     const flatten = (value) => {
@@ -49,7 +49,7 @@ class Machine {
     return new Float64Array(this.exports.memory.buffer, this.results, 64);
   }
 
-  /** Returns a copy of the array that a result names from `place` on. */
+  /** Returns a copy of the array described in `results` from index `place` on. */
   copy(kind, results, place, dimensions) {
     const shape = Array.from(results.subarray(place + 1, place + 1 + dimensions));
     return array(kind, shape, this.view({ kind, shape, at: results[place] }).slice());
@@ -58,7 +58,7 @@ class Machine {
 
 /** One body in one world at a time.
  *
- * `body` is what tma_ray.playground.contents says of it, `constants` are the physics'. */
+ * `body` is a record of tma_ray.playground.contents, `constants` are those of its engine. */
 class Engine {
   constructor(module, body, constants) {
     this.machine = new Machine(module);
@@ -79,12 +79,12 @@ class Engine {
     this.world = null;
   }
 
-  /** Returns a part of the memory by its name, as state (p, 6) or contacts (p, 2). */
+  /** Returns a part of the memory by name, such as state (p, 6) or contacts (p, 2). */
   view(name) {
     return this.machine.view(this.parts[name]);
   }
 
-  /** Builds a world and lets the steps pass that come before an episode; returns the first observation. */
+  /** Builds a world, runs the steps before an episode, and returns the first observation. */
   reset(terrain, push) {
     this.release();
     const hangs = this.body.grips > 0 && terrain.ceiling.shape[0] > 0;
@@ -124,7 +124,7 @@ class Engine {
     return this.firstSteps(hangs);
   }
 
-  /** Lets the steps pass before an episode, which count neither under water nor outside it. */
+  /** Runs the steps before an episode, which do not count as steps under or outside water. */
   firstSteps(hangs) {
     const action = new Float64Array(this.body.motors + this.body.grips);
     if (hangs) action.fill(1, this.body.motors);
@@ -166,7 +166,7 @@ class Engine {
   }
 }
 
-/** A trained network: an observation in, an action out, in the arithmetic of the students' own kernels. */
+/** A trained network that maps observations to actions, with the arithmetic of the students' kernels. */
 class Policy {
   constructor(module, stored) {
     this.machine = new Machine(module);

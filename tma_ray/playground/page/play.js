@@ -3,12 +3,12 @@
 const SPEEDS = [0.125, 0.25, 0.5, 1, 2, 4, 8];
 const TINTS = ["runner-1", "runner-2", "runner-3", "runner-4"];
 const MOST_RUNNERS = TINTS.length;
-const KICK = 2.5; /* change of a body's speed that a push makes, in m/s */
+const KICK = 2.5; /* change of a body's speed by a push, in m/s */
 
 const element = (id) => document.getElementById(id);
 const signed = (value, digits = 0) => value.toFixed(digits).replace("-", "−");
 
-/** A body under a policy in the world that all runners share. */
+/** A body controlled by a policy, in the world that all runners share. */
 class Runner {
   constructor(module, page, policy, place) {
     Object.assign(this, { page, policy, place, body: page.body });
@@ -99,7 +99,7 @@ class Page {
     return !policy.weights || (policy.sizes[0] === observation && policy.sizes.at(-1) === motors + grips);
   }
 
-  /** Makes the runners of what is chosen; `task` is played if it fits. */
+  /** Creates runners for the chosen policies; `task` is played if it fits the task space. */
   prepare(task = this.task) {
     this.chosen = this.chosen.filter((policy) => this.fits(policy));
     if (!this.chosen.length) this.chosen = [this.policies.find((policy) => this.fits(policy))];
@@ -139,7 +139,7 @@ class Page {
     this.choose(this.space.map(({ low, high }, axis) => [axis, random.uniform(low, high)]));
   }
 
-  /** Shows a policy alone or with others; one of another body brings its own. */
+  /** Adds or removes a policy; one that does not fit the body is shown alone, with its own body. */
   toggle(policy) {
     const others = this.chosen.filter((each) => each !== policy);
     if (!this.fits(policy)) {
@@ -189,7 +189,7 @@ class Page {
     context.stroke();
   }
 
-  /** Pushes all runners, or the one at a place of the picture. */
+  /** Pushes `runners`, by default all, changing their velocity by (x, y) in m/s. */
   push(x, y, runners = this.runners) {
     runners.filter((runner) => !runner.over).forEach((runner) => {
       const mass = runner.body.built.mass[2].reduce((sum, each) => sum + each, 0);
@@ -197,7 +197,7 @@ class Page {
     });
   }
 
-  /** Raises or digs the ground under a stroke of the pointer, from one place to the next. */
+  /** Moves the ground to the line between two positions of the pointer. */
   sketch(from, to) {
     const { STEP, GROUND_HEIGHT, STARTPAD_STEPS } = this.data.constants.engine;
     const { TRACK_POINTS } = this.data.constants.parkour;
@@ -279,7 +279,7 @@ class Page {
     return label;
   }
 
-  /** Shows the task in sliders and plane. */
+  /** Shows the task in the sliders and the plane. */
   show() {
     for (const input of element("sliders").querySelectorAll("input")) {
       input.value = this.task[input.dataset.axis];
@@ -302,7 +302,7 @@ class Page {
     element("clear").hidden = !this.heights;
   }
 
-  /** Tells how the runners do. */
+  /** Shows the return, steps and outcome of each runner. */
   tell() {
     for (const cell of element("policies").querySelectorAll("em")) {
       const runner = this.runners[cell.dataset.place];
@@ -378,7 +378,7 @@ class Page {
     this.prepare();
   }
 
-  /** Binds drags on the picture: they push the nearest body, or draw the ground. */
+  /** Handles drags on the picture, which push the nearest body or draw the ground. */
   bindWorld(canvas) {
     const at = (event) => [event.offsetX, event.offsetY];
     const lane = ([, y]) => {
@@ -416,7 +416,7 @@ class Page {
   }
 }
 
-/** Unpacks what tma_ray.playground.page put into the page. */
+/** Unpacks the data that tma_ray.playground.page packed into the page. */
 async function unpacked() {
   const packed = Uint8Array.from(atob(element("data").textContent.trim()), (letter) => letter.charCodeAt(0));
   const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));

@@ -1,6 +1,6 @@
-/* Worlds of tasks: drawn here, laid out by the kernels of tma_ray.terrain. */
+/* Worlds of tasks: random details are drawn here, terrain is laid out by the kernels of tma_ray.terrain. */
 
-/** Random numbers that a seed determines; they are not numpy's, so a seed's world differs from that of Python. */
+/** Seeded generator of random numbers, not numpy's: the same seed gives another world than in Python. */
 class Random {
   constructor(seed) {
     this.state = seed >>> 0;
@@ -28,12 +28,12 @@ class Worlds {
     this.cppn = cppn;
   }
 
-  /** Returns the world of a task of `environment`, with what the task leaves open drawn from `random`. */
+  /** Returns the world of a task of `environment`, with random details drawn from `random`. */
   build(environment, task, random) {
     return environment === "parkour" ? this.parkour(task, random) : this.stumpTracks(task, random);
   }
 
-  /** Returns a world whose ground was drawn by hand: heights, one a terrain step from x = 0 on. */
+  /** Returns a world whose ground was drawn by hand, with one height per terrain step from x = 0 on. */
   drawn(environment, heights) {
     const { STEP } = this.constants.engine, { GOAL_X, FRICTION } = this.constants[environment];
     const solid = this.columns(heights, heights.map((height) => height + 100));
@@ -96,7 +96,7 @@ class Worlds {
     };
   }
 
-  /** Returns the network's curves (200, 2); they are Python's up to float32's rounding. */
+  /** Returns the network's curves (200, 2), equal to Python's up to float32 rounding. */
   curves(theta) {
     const { POINTS } = this.constants.parkour;
     const soft = (value) => Math.log1p(Math.exp(-Math.abs(value))) + Math.max(value, 0);

@@ -65,8 +65,8 @@ class ActingStudent(Student):
 class RolloutWorker(ActingStudent):
     """Student that sends experience to the learner of a cohort, and acts with the weights it gets back.
 
-    Runs use it like any student: `observe` returns after the updates due. It shares its file format
-    with the same student outside a cohort.
+    Runs use it like any student: `observe` returns after the updates due. Its files have the format
+    of the same student outside a cohort.
     """
 
     _acting: ArrayNetwork
