@@ -47,7 +47,7 @@ def scene_of(engine: Engine, terrain: Terrain, observation: NDArray[np.float32])
 
 @dataclass(frozen=True)
 class RenderOptions:
-    """Options of the frames that an environment draws.
+    """Options for the frames that an environment draws.
 
     Attributes:
         lidars: True to draw the rays.

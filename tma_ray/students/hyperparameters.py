@@ -208,4 +208,4 @@ ALGORITHMS: Final[Mapping[str, str]] = {
 """Module of each non-recurrent algorithm for continuous actions; PPO and SAC have their own students."""
 
 PACKAGES: Final[Mapping[str, str]] = {"stable_baselines3": "stable-baselines3", "sb3_contrib": "sb3-contrib"}
-"""Distribution of each module."""
+"""Name of the package that provides each module, for installation."""

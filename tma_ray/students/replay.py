@@ -97,7 +97,7 @@ class ReplayBuffer:
             terminated: True if the last transition ended in a terminal state.
         """
         count, row = len(actions), self._row
-        if self._size + count >= self._rows or row + count >= self._rows:  # wraps or overwrites
+        if self._size + count >= self._rows or row + count >= self._rows:  # wraps around or overwrites rows
             for k in range(count):
                 last = terminated and k == count - 1
                 step = Transition(
@@ -152,7 +152,7 @@ class ReplayBuffer:
         changed: set[int] | None = None
         if incremental and self._saved:
             new = min(self._added - self._saved, self._rows)
-            # with the rows before and after, which `add` changes, too
+            # with the rows before and after, which `add` also changes
             touched = np.arange(self._row - new - 1, self._row + 1) % self._rows
             changed = set((touched // SEGMENT_ROWS).tolist())
         used, unchanged = min(self._filled + 1, self._rows), []

@@ -26,7 +26,7 @@ class TestSet:
         tasks: tasks, float32 (n, d).
     """
 
-    __test__ = False  # not a test class for pytest
+    __test__ = False  # keeps pytest from collecting it as a test class
 
     name: str
     dimensions: tuple[str, ...]

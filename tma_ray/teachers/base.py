@@ -96,7 +96,7 @@ class Teacher(ABC):
     rng: np.random.Generator = field(init=False, repr=False)
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
-        """Prepare for a new run; methods that override this one must call it first."""
+        """Prepare for a new run; overriding methods must call this one first."""
         self.space, self.knowledge, self.rng = space, knowledge, rng
         self._updates: list[TeacherUpdate] = []
 

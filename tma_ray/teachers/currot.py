@@ -102,7 +102,7 @@ class SuccessBuffer:
 
     size: int  # number f of coordinates
     capacity: int  # largest number of tasks
-    least: float  # return from which a task counts as a success
+    least: float  # smallest return that counts as a success
     points: Array = field(init=False)  # coordinates of the tasks in [0, 1] (n, f)
     returns: Array = field(init=False)  # return of one episode per task (n,)
     reached: bool = field(init=False, default=False)  # True if the median has reached `least`

@@ -165,7 +165,7 @@ def _progress(members: NDArray[np.bool_], returns: Array) -> Array:
 
 # divisors of the capacity of a region (original release)
 KEPT_BY_PARTS = 20  # for the smallest number of episodes in a part
-FORGOTTEN = 4  # for the number of episodes that a full region drops without a valid cut
+FORGOTTEN = 4  # for the number of episodes that a full region drops if no cut is valid
 
 
 @dataclass

@@ -58,7 +58,7 @@ class SFL(Teacher):
 
     def __post_init__(self) -> None:
         check_at_least(self, 1, "candidates", "kept", "refresh_every")
-        check_at_least(self, 2, "rollouts")  # with a single one, p (1 - p) is always 0
+        check_at_least(self, 2, "rollouts")  # with a single rollout, p (1 - p) is always 0
         check_shares(self, "buffer_share")
         for_budget(self.kept, self.budget)
 

@@ -118,8 +118,8 @@ class CompiledEngine:
 LINE = 8  # number of integers in a cache line
 
 DONE, FAILED, END, CALL, LEFT = 0, 8, 9, 16, 24
-"""Indices on a board: steps done, steps that failed, 1 to end the threads, sizes and addresses of a call;
-from LEFT on, one cache line apart, the tickets left of each thread's share."""
+"""Indices into a board: steps done, steps that failed, 1 to end the threads, sizes and addresses of a call;
+from LEFT on, one cache line apart, the number of tickets left in each thread's share."""
 
 PATIENCE = 200  # polls before an idle thread sleeps, about 0.1 ms in all, since waking it is slow
 
@@ -244,7 +244,7 @@ def _free_locks(locks: Integers) -> None:
 
 
 class EngineBatch:
-    """Engines of one body, stepped together.
+    """Batch of engines of one body, stepped together.
 
     All engines must have been reset, and may be reset again. The threads end with this object or the
     interpreter.

@@ -28,13 +28,13 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 FLOATS, INTEGERS = 8, 21
-"""Numbers of scalars at the start of a memory, read by `body_in`, `world_in` and `simulation_in`."""
+"""Numbers of scalars at the start of a memory's two vectors, before the arrays of body and simulation."""
 
 DURATION, ERROR_BIAS, BEFORE, GOAL_X, WATER_Y, SWAY = 2, 3, 4, 5, 6, 7
-"""Indices of floats, after the cost of torques and the weight of the upright reward."""
+"""Indices into `Memory.floats`, after the cost of torques and the weight of the upright reward."""
 
 SUBSTEPS, MOTOR_SUBSTEPS, COUNT_CONTACT, TERRAIN = 9, 10, 11, 12
-"""Indices of integers, after the sizes; sizes and addresses of the world's arrays begin at TERRAIN."""
+"""Indices into `Memory.integers`, after sizes; sizes and addresses of the world's arrays begin at TERRAIN."""
 
 
 class Memory(NamedTuple):

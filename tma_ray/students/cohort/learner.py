@@ -133,7 +133,7 @@ OwnerT = TypeVar("OwnerT")
 
 
 def narrowed(owner: OwnerT, slot: int, *names: str) -> OwnerT:
-    """Return a shallow copy of `owner` whose tensors `names` are narrowed to one slot (1, ...)."""
+    """Return a shallow copy of `owner` whose tensors `names` are narrowed to `slot` (1, ...)."""
     narrow = copy(owner)
     for name in names:
         setattr(narrow, name, getattr(owner, name)[slot : slot + 1])
