@@ -314,7 +314,7 @@ def add_to_release(
 
 
 def _copied(folder: Path, aside: Path) -> BaselineManifest:
-    """Copy a release, including hidden files such as .DS_Store, and return its manifest.
+    """Copy a release to `aside`, with hidden files such as .DS_Store, and return its manifest.
 
     Raises:
         BaselineError: if the release is damaged, or its folder holds other files or hidden folders.

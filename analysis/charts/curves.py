@@ -84,7 +84,7 @@ def learning_curve(curves: pd.DataFrame, value: str, ylabel: str) -> base.Chart:
 
 
 def _rows_by_teacher(table: pd.DataFrame) -> dict[str, base.Array]:
-    """Return each teacher's rows, except missing means, as an array (rows, 4): step, mean, error, n."""
+    """Return each teacher's rows that have a mean, as an array (rows, 4): step, mean, error, n."""
     columns = ("step", "mean", "standard_error", "n")
     rows = np.column_stack([table[column].to_numpy(np.float64) for column in columns])
     teachers, known = table["teacher"].to_numpy(object), ~np.isnan(rows[:, 1])

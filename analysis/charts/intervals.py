@@ -84,7 +84,7 @@ def _mean(values: base.Array, teacher: str, y: float, words: str, **style: Any) 
 def _chart(
     name: str, at: Any, moments: Sequence[object], heading: str, caption: str, rows: int
 ) -> base.Chart:
-    """Return a chart of one animated panel."""
+    """Return a chart with a single animated panel."""
     return base.Chart(
         name, [[base.animated(at, moments, base.END)]], heading, caption, size=(5.2, 0.9 + 0.42 * rows)
     )

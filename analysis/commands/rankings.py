@@ -30,7 +30,7 @@ from analysis.statistics import SIGNIFICANCE, welch
 from analysis.statistics.power import POWER
 from tma_ray.console.terminal import terminal
 
-NAME_WIDTH = 14  # width of the column of teachers, in characters
+NAME_WIDTH = 14  # width of the teacher column, in characters
 
 FAMILIES = "on each challenge the core against Random, and a newcomer alone"
 

@@ -92,7 +92,7 @@ class Leaderboard:
         return any(entry.ranks[HEADLINE].newcomer for entry in self.entries)
 
     def best(self, axis: str) -> dict[str, float]:
-        """Return the smallest credible set for the best teacher: probability of being the best by teacher."""
+        """Return the smallest credible set for the best teacher, with the probability of each member."""
         chances = {entry.teacher: entry.ranks[axis].chance for entry in self.entries}
         best: dict[str, float] = {}
         for teacher in sorted(chances, key=lambda name: -chances[name]):

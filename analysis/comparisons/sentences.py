@@ -1,4 +1,4 @@
-"""Sentences on comparisons and their uncertainty, and the ranking on each challenge."""
+"""Sentences about comparisons and their uncertainty, and the ranking on each challenge."""
 
 import math
 

@@ -130,7 +130,7 @@ def _names(of_runs: Sequence[tuple[Any, ...]]) -> dict[tuple[Any, ...], str]:
 
 @cache
 def _settings(text: object, column: str) -> str:
-    """Return the settings of one part in the identity of a run, as JSON with sorted keys."""
+    """Return the settings of one component from a run's identity, as JSON with sorted keys."""
     if not isinstance(text, str):
         return "{}"
     return json.dumps(json.loads(text)[column], sort_keys=True)

@@ -212,7 +212,7 @@ def contrary(standing: Standing) -> Standing:
 
 
 def greater(low: float, high: float, margin: float = DEFAULT_MARGIN) -> Standing:
-    """Return the result of testing "the difference is above 0" by its interval.
+    """Return the result of testing "the difference is above 0", given its interval.
 
     It is supported if the interval is above 0, else refuted if the interval is below `margin`.
     """
@@ -222,7 +222,7 @@ def greater(low: float, high: float, margin: float = DEFAULT_MARGIN) -> Standing
 
 
 def equivalent(low: float, high: float, margin: float = DEFAULT_MARGIN) -> Standing:
-    """Return the result of testing "the difference does not matter" by its interval.
+    """Return the result of testing "the difference does not matter", given its interval.
 
     It is supported if the interval is within plus and minus `margin`, else refuted if it excludes 0.
     """

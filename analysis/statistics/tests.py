@@ -26,7 +26,7 @@ DRAWN_ARRANGEMENTS = 9_999
 """Number of arrangements drawn at random if there are more, so that the smallest p is 1 in 10,000 (Davison
 and Hinkley, 1997)."""
 
-PERMUTATION_SEED = 0  # seed of random arrangements, fixed so that p is a function of the samples
+PERMUTATION_SEED = 0  # seed of random arrangements, fixed so that p depends on the samples alone
 
 Floats = NDArray[np.float64]
 

@@ -41,7 +41,7 @@ CHALLENGE = 2  # number of leading columns in `CELL_COLUMNS` that name a challen
 ERRORS = (0.05, 0.045, 0.04, 0.035, 0.03, 0.025, 0.02, 0.015, 0.01)
 """Candidate errors to spend; a design uses the largest with wrong verdicts in at most `ERROR` of trials."""
 
-TRIALS = 4_000  # number of simulated trials by which the error is chosen
+TRIALS = 4_000  # number of simulated trials from which the error is chosen
 
 
 @dataclass(frozen=True)
