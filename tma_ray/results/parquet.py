@@ -119,7 +119,7 @@ ROW_GROUP_ROWS: Final = 1 << 17  # a few megabytes of episodes
 MOST_TABLE_ROWS: Final = {
     table: 2_000_000 if table in (Table.RUNS, Table.ATTEMPTS, Table.CELLS) else 500_000_000 for table in Table
 }
-"""Limit on the number of rows of a file; small files may have very many, since repeated rows compress well."""
+"""Limit on the number of rows of a file; small files may have many, since repeated rows compress well."""
 
 MOST_ROW_BYTES: Final = {
     table: 2**20 if table in (Table.RUNS, Table.TEACHER_LOG) else 2**16 for table in Table
