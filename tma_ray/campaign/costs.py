@@ -326,14 +326,14 @@ class Cost:
     memory_gib: float
 
     def summary(self) -> str:
-        """Return the estimated time in one line."""
+        """Describe the estimated time in one line."""
         spent = f"{hours_text(self.core_hours)} core-hours"
         if self.gpu_hours:
             spent += f" and {hours_text(self.gpu_hours)} GPU-hours"
         return f"{spent}, {estimated_duration(self.wall_hours)} with {self.how} (an estimate)"
 
     def describe(self) -> str:
-        """Return the cost in a few lines."""
+        """Describe the cost in a few lines."""
         unit = "a player on a core" if self.bound else "each run"
         speeds = [
             f"\n    {speed.label} {speed.training:,.0f}"

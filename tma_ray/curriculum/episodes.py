@@ -107,7 +107,7 @@ class EpisodeUnderWay:
 
 
 def by_name(space: TaskSpace, task: Task) -> dict[str, float]:
-    """Return a task (d,) as a dict from names to values."""
+    """Return a task (d,) as a dict from dimension names to values."""
     return dict(zip(space.names, map(float, task), strict=True))
 
 

@@ -1,4 +1,4 @@
-"""Lease of a results root that excludes other campaigns, and the heartbeat of the lease's holder."""
+"""Exclusive lease of a results root, and the heartbeat of the campaign that holds it."""
 
 import json
 import logging

@@ -229,7 +229,7 @@ def damaged_rows(store: Store, file: PartFile) -> tuple[tuple[int, int], ...]:
 
 
 def overlaps(file: PartFile, damaged: Sequence[tuple[int, int]]) -> bool:
-    """Return True if any rows of a run are in the ranges from `damaged_rows`."""
+    """Return True if any rows of `file` are in the ranges returned by `damaged_rows`."""
     first = file.first or 0
     return any(first < end and start < first + file.rows for start, end in damaged)
 

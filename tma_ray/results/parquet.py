@@ -27,7 +27,7 @@ _BOOLEANS, _BYTE, _INTEGERS, _DOUBLE, _BINARY, _STRUCTURE = (1, 2), 3, (4, 5, 6)
 def unpacked_sizes(
     file: pq.ParquetFile, source: Any, groups: Iterable[int], columns: Collection[str], kept: Collection[str]
 ) -> Iterator[int]:
-    """Yield an upper bound, in bytes, on the memory of each page of some row groups and columns.
+    """Yield an upper bound, in bytes, on the memory of each page of the given row groups and columns.
 
     Arrow only checks page headers while it allocates, and small forged pages may unpack to any size. `source`
     is the open file, with a method `read_at`; `kept` are text columns to read as dictionaries.
@@ -258,7 +258,7 @@ def _check_size(
     columns: Sequence[str],
     most_rows: int,
 ) -> None:
-    """Raise a DamagedFileError if columns of some row groups would take too much memory."""
+    """Raise a DamagedFileError if the given columns of the given row groups would take too much memory."""
     rows = sum(file.metadata.row_group(group).num_rows for group in groups)
     if rows > most_rows:
         raise DamagedFileError(f"it claims {rows:,} rows, more than {most_rows:,} of {table}")
@@ -308,7 +308,7 @@ def _canonical(table: Table, rows: pa.Table) -> pa.Table:
 
 
 def _options(table: Table) -> dict[str, Any]:
-    """Return the compression, checksums and column encodings for a Parquet file."""
+    """Return the writer options for a table: compression, page checksums and column encodings."""
     dictionaries, encodings = [], {}
     for path, kind in (leaf for field in SCHEMAS[table] for leaf in _leaves(field.name, field.type)):
         if path in _REPEATED.get(table, ()):

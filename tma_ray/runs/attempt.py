@@ -275,7 +275,7 @@ class RunLog(logging.Handler):
         self.publish()
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Store a message until it is published."""
+        """Keep a message until it is published."""
         self._lines.append(self.format(record))
 
     def publish(self) -> None:

@@ -102,7 +102,7 @@ _contents: dict[str, bytes] = {}  # contents of input files in memory, by SHA-25
 
 
 def captured(part: str, options: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, InputFile]]:
-    """Read the files named in a component's options.
+    """Read the files named in a component's options into memory; return the options without folders.
 
     Args:
         part: "environment", "student" or "teacher".

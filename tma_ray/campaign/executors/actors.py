@@ -113,7 +113,7 @@ class RemoteTeacher:
 
 
 class SeedActor:
-    """Ray actor of one attempt at a run; `report` and `request_stop` may be called during `run`.
+    """Ray actor that executes one attempt at a run; `report` and `request_stop` may be called during `run`.
 
     Created by `launch`. Ray does not restart it, since a new attempt needs a new number from the scheduler.
     """
@@ -189,7 +189,7 @@ TURN_POLL = 5.0  # time between two checks for a stuck learner, s
 
 
 class LearnerActor:
-    """Ray actor of a cohort's learner, created by `launch` and killed by the driver."""
+    """Ray actor that hosts a cohort's learner, created by `launch` and killed by the driver."""
 
     def __init__(self, settings: CohortSettings) -> None:
         self._settings = settings
