@@ -53,7 +53,7 @@ class ReplayBuffer:
         return self._size
 
     def clear(self) -> None:
-        """Forget all transitions."""
+        """Discard all transitions."""
         self._row = 0  # row for the next transition
         self._size = 0
         self._filled = 0  # number of rows ever written

@@ -100,7 +100,7 @@ class WeightedGaussian:
 
 @dataclass(frozen=True)
 class ScoredBox:
-    """Box in a teacher's task distribution: low (d,), high (d,) and score."""
+    """Box in a teacher's task distribution: lower and upper bounds (d,), and score."""
 
     low: NDArray[np.float64]
     high: NDArray[np.float64]

@@ -49,7 +49,7 @@ class CovarGMM(MixtureTeacher):
             raise ValueError(f"progress = {self.progress!r}: expected {' or '.join(CovarianceProgress)}")
 
     def measure(self, episode: Episode) -> tuple[float, float]:
-        """Return the time and return of `episode`."""
+        """Return the time of `episode` in the current fit, and its episodic return."""
         return self.episodes_ % self.fit_every / self.fit_every, episode.episodic_return
 
     def progress_of(self, mixture: Mixture) -> Array:

@@ -15,7 +15,7 @@ from tma_ray.teachers.numerics import Array, UnitBox
 
 @dataclass
 class GoalGAN(Teacher):
-    """Generative adversarial network of tasks of intermediate difficulty.
+    """Generative adversarial network that proposes tasks of intermediate difficulty.
 
     A new task is played `rollouts` times in a row and labelled positive if its share of successes is in
     [`least_success`, `most_success`]. Positive tasks far from all others enter a buffer, the source of some
@@ -94,7 +94,7 @@ class GoalGAN(Teacher):
             self.log(TeacherUpdate(scalars={**losses, "buffer_size": 0.0}))
 
     def sample(self) -> Task:
-        """Return the current task (d,) while it has rollouts left, then a task from the buffer or network."""
+        """Return the current task (d,) while it has rollouts left, else one from the buffer or network."""
         if not self.rollouts_left_:
             self.new_ = not (len(self.buffer_) and self.rng.random() < self.old_share)
             point = self._generate(1, self.rng)[0] if self.new_ else self.rng.choice(self.buffer_)

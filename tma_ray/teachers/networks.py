@@ -59,7 +59,7 @@ SMOOTHING = 0.9  # RMSProp's decay: TensorFlow 1's default, as in the original r
 
 
 class LeastSquaresGAN:
-    """Generative adversarial network of points in [-1, 1], trained on points labelled as positive or not.
+    """Generative adversarial network for points in [-1, 1], trained on points labelled positive or not.
 
     Source: Florensa et al. 2018, section 4.2, after Mao et al. 2017: the discriminator is trained towards +1
     on positive, and -1 on negative and generated points, the generator towards an output of +1. Layers are

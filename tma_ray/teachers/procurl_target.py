@@ -46,7 +46,7 @@ def proximity(values: Array, target_values: Array, similarities: Array) -> Array
 
 @dataclass
 class ProCuRLTarget(DistributionTeacher):
-    """Pool of tasks, sampled by a softmax of their difficulty score and similarity to target tasks.
+    """Pool of tasks, sampled by a softmax of scores for medium difficulty and similarity to target tasks.
 
     The score of a task is its `proximity`. Values are expected returns, scaled to [0, 1] and estimated by
     kernel averages of the returns since the last update. Before the first update tasks are uniform.

@@ -113,7 +113,7 @@ class Rollout:
         return self._size == len(self.rewards)
 
     def clear(self) -> None:
-        """Forget all steps."""
+        """Discard all steps."""
         self._size = 0
 
     def add(
@@ -265,7 +265,7 @@ class PPOActing(ActingStudent):
         return {"normaliser": self.normaliser, "rollout": self.rollout.state(), "average": self.average}
 
     def restore_experience(self, experience: dict[str, Any]) -> None:
-        """Restore the values that `experience` returned at the end of an episode."""
+        """Restore the values that `experience` returned after an episode."""
         self.normaliser = experience["normaliser"]
         self.rollout.restore(experience["rollout"])
         if experience["average"] is not None:

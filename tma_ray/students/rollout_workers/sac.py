@@ -136,7 +136,7 @@ class SACActing(ActingStudent):
         return {"steps": self._steps}
 
     def restore_experience(self, experience: dict[str, Any]) -> None:
-        """Restore the values that `experience` returned at the end of an episode."""
+        """Restore the values that `experience` returned after an episode."""
         self._steps, self._episode_steps = experience["steps"], 0
 
 
