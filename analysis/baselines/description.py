@@ -89,7 +89,7 @@ def _plain(name: str, value: Any) -> str:
 
 
 def _safe(text: str) -> str:
-    """Escape Markdown's special characters in a text."""
+    """Escape Markdown's special characters in `text`."""
     return re.sub(r"[^\w +./:=-]", lambda match: f"&#{ord(match[0])};", text)
 
 

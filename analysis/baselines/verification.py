@@ -1,4 +1,4 @@
-"""Verification, completeness and publication of baselines."""
+"""Verification, completeness checks and publication of baselines."""
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass

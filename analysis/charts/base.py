@@ -96,7 +96,7 @@ class Mark:
     name: str = ""  # legend entry; empty for no entry
     teacher: str = ""  # teacher of the mark, used by pages to hide it; empty for none
     comparison: str = ""  # anchor of the mark's comparison, used by pages to hide it; empty for none
-    texts: Sequence[str] = ()  # text of each point, or one text for all
+    texts: Sequence[str] = ()  # text of each point, or a single one for all
     hover: str = ""  # template of the hover text, such as ``{x}, {y:.1f}, {value}, {text}``
     svg_id: str = ""  # identifier in SVG files; empty for none
 
@@ -109,7 +109,7 @@ class Curve(Mark):
     y: Array | None = None  # y coordinates (n,); None for a band alone
     low: Array | None = None  # lower ends of the band (n,); None for no band
     high: Array | None = None  # upper ends of the band (n,); None for no band
-    n: NDArray[Any] | None = None  # number of runs (n,); the line is thin if some are missing
+    n: NDArray[Any] | None = None  # number of runs (n,); the line is thinner where some are missing
     fill: str = ""  # colour inside markers; empty for that of the line
     width: float = 2.0  # width of the line, in CSS pixels; lines under 1.5 have no markers
     opacity: float = 0.17  # opacity of the band, in [0, 1]

@@ -100,7 +100,7 @@ def plotly_library() -> str:
 
 
 def packed(text: str) -> str:
-    """Return a text as base64-encoded gzip, safe within a script element and unpacked by page.js."""
+    """Return `text` as base64-encoded gzip, safe within a script element and unpacked by page.js."""
     return base64.b64encode(gzip.compress(text.encode(), mtime=0)).decode()
 
 
@@ -408,7 +408,7 @@ def colour_scale(name: str) -> list[list[Any]]:
     return [[position, colour] for position, colour in get_colorscale(name)]
 
 
-@lru_cache(100_000)  # texts repeat at every step
+@lru_cache(100_000)  # the same strings recur at every step
 def _shown(text: str) -> str:
     """Escape the HTML in `text`, which plotly.js would otherwise interpret."""
     return html.escape(text, quote=False)

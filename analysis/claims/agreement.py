@@ -124,7 +124,7 @@ def draws_of_runs(strata: Sequence[pd.Series], rng: np.random.Generator) -> Floa
 
 
 def draws_of_entries(entries: Sequence[Description], rng: np.random.Generator) -> Floats:
-    """Return draws (n,) of the mean of the paper's entries, from a normal distribution."""
+    """Return normal draws (n,) of the mean of the paper's entries."""
     mean = float(np.mean([entry.mean for entry in entries]))
     error = math.sqrt(sum(entry.standard_error**2 for entry in entries)) / len(entries)
     return mean + error * rng.standard_normal(BOOTSTRAP_DRAWS)

@@ -115,7 +115,7 @@ def show_board(board: Leaderboard, console: Console) -> None:
 
 
 def tell(console: Console, text: str, style: str | None = None) -> None:
-    """Print a text without markup or highlighting."""
+    """Print `text` without markup or highlighting."""
     console.print(text, style=style, highlight=False, markup=False)
 
 
@@ -185,7 +185,7 @@ def markdown(name: str, pictures: str = ".") -> str:
 
 
 def _joined(location: str) -> list[tuple[Design, InterimLook]]:
-    """Return designs and last looks of the trials through which teachers joined a release."""
+    """Return the designs and last looks of the trials through which teachers joined a release."""
     from analysis.trials.interim import joined_trials  # deferred: slow to import
 
     baseline = as_baseline(location)

@@ -90,12 +90,12 @@ def recovery_table(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def markdown(table: pd.DataFrame) -> str:
-    """Return a table of texts as Markdown."""
+    """Return a table of strings as Markdown."""
     return pipe_table(list(table.columns), table.to_numpy().tolist()) + "\n"
 
 
 def rich_table(table: pd.DataFrame, title: str) -> Table:
-    """Return a table of texts for a terminal."""
+    """Return a table of strings for display in a terminal."""
     grid = Table(title=title, title_justify="left", box=None)
     for index, column in enumerate(table.columns):
         grid.add_column(column.replace("_", " "), justify="left" if index < 2 else "right")

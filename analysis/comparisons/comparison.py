@@ -25,7 +25,7 @@ from analysis.measures.tested import HEADLINE, MEASURES
 from analysis.names import challenge_title, label, teacher_order
 from tma_ray.support.component_names import base_name
 
-ALL_SHOWN = 12  # number of teachers up to which a page initially shows all of them
+ALL_SHOWN = 12  # largest number of teachers of which a page initially shows all
 
 MOST_SHOWN = 8  # number of teachers besides Random initially shown on a page with more than `ALL_SHOWN`
 

@@ -35,7 +35,7 @@ class Rank:
     across: dict[str, Any]  # values of `ACROSS` that all ranked teachers have in common
     challenges: int  # number of challenges
     mean: float  # mastered test tasks in %, the equally weighted mean over challenges
-    low: float  # lower end of the 95 % interval; NaN with one run on a challenge
+    low: float  # lower end of the 95 % interval; NaN if a challenge has a single run
     high: float  # upper end of the interval
     n: int  # number of runs
     fewest: int  # smallest number of runs of a ranked teacher on a challenge
@@ -44,7 +44,7 @@ class Rank:
     better: tuple[str, ...]  # teachers with a lower mean, p < 0.05 after Holm's correction
     worse: tuple[str, ...]  # teachers with a higher mean, p < 0.05 after Holm's correction
     undecided: tuple[str, ...]  # ranked teachers without a significant difference
-    left_out: tuple[str, ...]  # unranked teachers, which lack some of its challenges
+    left_out: tuple[str, ...]  # teachers that are not ranked, since they lack some of its challenges
     chance: float  # probability of the highest true mean, among teachers with as many challenges
 
     @property

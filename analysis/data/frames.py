@@ -71,7 +71,7 @@ class Frames:
 
     @property
     def skipped_files(self) -> tuple[str, ...]:
-        """Sentences on requested files that could not be read."""
+        """Sentences about requested files that could not be read."""
         roots = {id(results): results for results in (self.results, *self.other_roots.values())}.values()
         return tuple(dict.fromkeys(problem for results in roots for problem in results.problems))
 
@@ -113,7 +113,7 @@ class Frames:
         return replace(self, cells=self.cells.assign(core=core), core=tuple(campaigns))
 
     def results_of(self, run_id: str) -> Results:
-        """Return the source of the long tables of a run."""
+        """Return the results that contain the long tables of a run."""
         return self.other_roots.get(run_id, self.results)
 
     def episode_returns(self, run_ids: Sequence[str]) -> pd.DataFrame:

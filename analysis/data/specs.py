@@ -24,7 +24,7 @@ SEED = re.compile(r'"seed": \d+, "student":')
 
 
 def parsed(text: object) -> dict[str, Any]:
-    """Return the JSON object in `text`, or an empty one if it is anything else."""
+    """Return the JSON object in `text`, or an empty one if `text` is anything else."""
     try:
         return decode_json(text, dict[str, Any], "a spec") if isinstance(text, str) else {}
     except DamagedFileError:

@@ -93,7 +93,7 @@ def shipped_together(environments: Iterable[str]) -> dict[tuple[str, str, str], 
 
 @cache
 def variant(engine: str, environment: str, challenge: str, pool: str, test_sets: object) -> str:
-    """Return the differences between a pool and the paper's as text, empty if there are none.
+    """Return the differences between a pool and the paper's, as text; empty if there are none.
 
     A variant has one pool per challenge, so aggregates over challenges count each once.
     """

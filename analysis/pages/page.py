@@ -113,7 +113,7 @@ def controls(
         if column not in comparisons:
             continue
         values = list(dict.fromkeys(map(str, comparisons[column])))
-        # If experiments are the challenges, one filter is enough.
+        # Where experiments coincide with challenges, one filter is enough.
         repeated = column == "experiment" and bool((comparisons[column] == comparisons["challenge"]).all())
         if len(values) > 1 and not repeated:
             environments = comparisons["environment"].unique() if "environment" in comparisons else ()

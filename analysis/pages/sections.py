@@ -105,9 +105,9 @@ class Section:
 
     anchor: str  # identifier on the page
     title: str  # title of the comparison
-    chosen_by: Mapping[str, str]  # values that readers filter by, by column of `FILTERS`
+    chosen_by: Mapping[str, str]  # values for the page's filters, by column of `FILTERS`
     rows: Sequence[Mapping[str, Any]]  # rows of the table of final results, one per teacher
-    step_rows: Mapping[str, Mapping[str, Mapping[str, str]]]  # texts of the table by step, teacher and column
+    step_rows: Mapping[str, Mapping[str, Mapping[str, str]]]  # table cells by step, teacher, column
     points: pd.DataFrame  # teacher, seed, step (or `END`) and value of every run
     charts: Sequence[PageChart]  # charts with all teachers
     sentences: Sequence[str] = ()  # sentences about the findings

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 CONFIDENCE = 0.95  # coverage of the confidence intervals
-TAIL = (1 + CONFIDENCE) / 2  # quantile of an interval's upper end
+TAIL = (1 + CONFIDENCE) / 2  # quantile level of an interval's upper end
 
 SIGNIFICANCE = 0.05
 """Significance level; p-values strictly below it are significant (paper, appendix on results)."""
@@ -94,7 +94,7 @@ def describe(values: ArrayLike) -> Description:
 
 
 def mean_interval(sample: Description) -> tuple[float, float]:
-    """Return Student's 95 % confidence interval of the mean, NaN for fewer than two or all equal values."""
+    """Return Student's 95 % confidence interval of the mean; NaN without two values or any spread."""
     if sample.n < 2 or sample.std == 0:
         return math.nan, math.nan
     from scipy import special  # deferred: doubles the import time of `analysis`

@@ -68,8 +68,8 @@ def _extreme_share(differences: Floats, observed: float, scale: float) -> float:
     return float(np.mean(np.abs(differences) >= abs(observed) - EQUAL * scale))
 
 
-ROUNDING = 1e-9  # rounding error of shares near 0 and 1
-ALL_EQUAL = "no spread between seeds"  # reason for a missing test of equal values
+ROUNDING = 1e-9  # tolerance for rounding errors of shares near 0 and 1
+ALL_EQUAL = "no spread between seeds"  # reason why equal values are not tested
 
 
 class Method(StrEnum):
@@ -206,7 +206,7 @@ def welch_from_statistics(first: Description, second: Description) -> Comparison
 
 
 def _same_mean(first: Description, second: Description) -> bool:
-    """Return True if two means differ at most by a rounding error."""
+    """Return True if two means differ by a rounding error at most."""
     return bool(negligible(first.mean - second.mean, max(abs(first.mean), abs(second.mean))))
 
 
@@ -271,7 +271,7 @@ def stratified(
 
 
 def stratum_weights(challenges: Sequence[Hashable]) -> list[float]:
-    """Return stratum weights that are equal and sum to 1 within each challenge, given challenges (n,).
+    """Return stratum weights that are equal and sum to 1 within each challenge; `challenges` is (n,).
 
     Leaderboards, tests, claims and trials use these weights: a challenge counts once, however many strata it
     has.
@@ -352,7 +352,7 @@ def simultaneous_intervals(
     return low, high
 
 
-FEW_PAIRS = "fewer than 2 seeds in common"  # reason for a missing test of pairs
+FEW_PAIRS = "fewer than 2 seeds in common"  # reason why pairs are not tested
 
 
 def paired(sample: pd.Series, reference: pd.Series) -> Comparison:

@@ -16,7 +16,7 @@ from tma_ray.support.texts import counted
 
 @dataclass(frozen=True)
 class TableCell:
-    """Cell of a `ResultTable`: a mean with its standard deviation, or a text.
+    """Cell of a `ResultTable`: a mean with its standard deviation, or words.
 
     Attributes:
         n: number of runs.
@@ -88,7 +88,7 @@ class ResultTable:
         return {cell.n for cell in self.column_cells(column) if cell.has_number}
 
     def numeric(self, column: str) -> bool:
-        """Return True if a column has numbers and no texts."""
+        """Return True if a column has numbers and no words."""
         return bool(self.counts(column)) and not any(cell.words for cell in self.column_cells(column))
 
     def notes(self) -> dict[str, str]:
@@ -141,7 +141,7 @@ CSV_COLUMNS = ["table", "row", "column", "n", "mean", "std", "best", "words", "m
 
 
 def render(table: ResultTable, kind: TableFormat) -> str:
-    """Return a table as text that ends with a line break.
+    """Return a table as text that ends with a newline.
 
     Markdown and LaTeX (with the package booktabs) have the best cells in bold, dashes for missing numbers,
     notes below, and numbers of runs of the table, each column or each cell. CSV has a line per cell.
@@ -185,7 +185,7 @@ _LATEX = _Marks(
 
 
 def pipe_table(head: Sequence[str], rows: Iterable[Sequence[str]], numbers: Collection[int] = ()) -> str:
-    """Return rows of texts as a Markdown table, with the columns at indices `numbers` right-aligned."""
+    """Return rows of strings as a Markdown table, with the columns at indices `numbers` right-aligned."""
     rule = ["---:" if index in numbers else "---" for index in range(len(head))]
     return "\n".join(f"| {' | '.join(cells)} |" for cells in (head, rule, *rows))
 
@@ -227,7 +227,7 @@ def _csv(table: ResultTable) -> str:
 
 
 def _grid(table: ResultTable, marks: _Marks) -> Iterator[list[str]]:
-    """Yield the header and the rows of a table, as lists of texts with markup."""
+    """Yield the header and the rows of a table, as lists of strings with markup."""
     counts = {column: table.counts(column) for column in table.columns}
     same_everywhere = len(set().union(*counts.values())) < 2
     labels = [marks.escape(table.head)]

@@ -173,7 +173,7 @@ class EventFolder(Tracker):
 
 
 def run_folder(run: RunRecord, experiment: str) -> Path:
-    """Return the sub-folder of a run's event files."""
+    """Return the relative path of the sub-folder of a run's event files."""
     names = run.student, run.challenge, run.embodiment, run.expert_knowledge
     setting = "-".join(_plain(name) for name in names if name)
     return Path(_plain(experiment), _plain(run.teacher), setting, f"seed_{_plain(run.seed)}-{run.run_id}")

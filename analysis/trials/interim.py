@@ -1,4 +1,4 @@
-"""Results of trials: comparisons at completed interim looks, with their tables and texts."""
+"""Results of trials: comparisons at completed interim looks, as tables and as text."""
 
 import math
 import re
@@ -295,7 +295,7 @@ def _verdict(pair: Sequence[LookComparison]) -> str:
 
 
 def _quantity(design: Design) -> str:
-    """Return a phrase about the unit of the differences in all measures."""
+    """Return a phrase that defines the differences: their unit, and how each measure is averaged."""
     parts = [f"{AVERAGING[measure]} ({AXES[measure]})" for measure in design.axes]
     return f"points of test tasks mastered {' and '.join(parts)}"
 

@@ -186,7 +186,7 @@ class RadarAxes:
         return (x, y - 0.06), "center", -1
 
     def _write(self, x: float, y: float, text: str, **style: Any) -> None:
-        """Write a text at an offset from the centre, in inches."""
+        """Write `text` at an offset from the centre, in inches."""
         position = self._centre[0] + x, self._centre[1] + y
         self._figure.text(*position, text, transform=self._figure.dpi_scale_trans, **style)
 
