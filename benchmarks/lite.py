@@ -1,7 +1,7 @@
 """Runs of lite-1, lite-2 and long-1 in processes of one machine, alone or in cohorts, without Ray.
 
     python benchmarks/lite.py --stage core --processes 16 --minutes 9 --results lite
-    python benchmarks/lite.py --experiment long_1 --processes 2 --minutes 170 --results long
+    python benchmarks/lite.py --experiment long_1 --processes 2 --minutes 170 --results long --grow kept
     python benchmarks/lite.py --stage core --device cuda --cohort 32 --processes 32 --results lite
 
 Executes runs in the order of the experiment's script. Either script can continue the other's runs.

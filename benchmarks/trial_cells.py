@@ -139,7 +139,7 @@ def decisiveness(cells: Sequence[Cell]) -> tuple[float, float]:
         noise += variance
         added += variance * float(np.mean([1 / sample.size for sample in samples]))
     signal = max(float(means.var(ddof=1)) - added, 0.0)
-    return float(np.sqrt(signal / noise)), sum(cell.hours for cell in cells)
+    return float(np.sqrt(signal / noise)) if signal else 0.0, sum(cell.hours for cell in cells)
 
 
 def effects(cells: Sequence[Cell], teachers: Sequence[str]) -> NDArray[np.float64]:
@@ -160,7 +160,7 @@ def row(name: str, cells: Sequence[Cell], everything: Sequence[Cell] = ()) -> di
         "teachers": len(teachers),
         "core-hours a seed": round(hours, 3),
         "signal to noise": round(ratio, 2),
-        "core-hours to tell two apart": round(2 * hours * (QUANTILES / ratio) ** 2 if ratio else np.inf, 2),
+        "core-hours to tell two apart": round(2 * hours * (QUANTILES / ratio) ** 2 if ratio else np.nan, 2),
         "correlation with all": round(agreement, 2),
     }
 
@@ -198,7 +198,7 @@ def measure(trials: int) -> pd.DataFrame:
     for size in range(1, len(tracks) + 1):
         chosen = min(
             itertools.combinations(tracks, size),
-            key=lambda cells: row("", cells)["core-hours to tell two apart"],
+            key=lambda cells: np.nan_to_num(row("", cells)["core-hours to tell two apart"], nan=np.inf),
         )
         rows.append(row("; ".join(cell.name for cell in chosen), chosen, tracks) | simulated(chosen, trials))
     return pd.DataFrame(rows)
