@@ -194,7 +194,7 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
 
 
 def embodiment_of(embodiment: str | Path | Embodiment) -> Embodiment:
-    """Return a body, loading it if it is given by name or path."""
+    """Return `embodiment`, loaded if it is a name or a path."""
     return embodiment if isinstance(embodiment, Embodiment) else load_embodiment(embodiment)
 
 

@@ -136,7 +136,7 @@ class Canvas:
         pygame.draw.line(self.surface, colour, start, end, width * SUPERSAMPLING)
 
     def fill(self, points: Floats, colour: Colour, outline: Colour | None = None) -> None:
-        """Draw a filled polygon with the corners `points` (n, 2), and its outline."""
+        """Draw a filled polygon with the corners `points` (n, 2), and optionally its `outline`."""
         corners = self._pixels(self._cropped(points)).tolist()
         pygame.draw.polygon(self.surface, colour, corners)
         if outline is not None:

@@ -470,7 +470,7 @@ def make_vector_environment(
 
 
 def _shortened(environment: Environment, steps: int) -> Environment:
-    """Return `environment` with its episodes limited to `steps`, at most its own limit."""
+    """Return `environment` with episodes limited to `steps`, which must not exceed its own limit."""
     check_whole("max_episode_steps", steps, least=1)
     if not isinstance(environment, EngineEnvironment):
         return TimeLimit(environment, steps)

@@ -71,7 +71,7 @@ SOLID, CREEPER, WATER = 0.0, 1.0, -1.0  # kinds of objects hit by a lidar; SOLID
 
 @kernel
 def cast_ray(x: float, y: float, ray: Floats, world: World) -> tuple[float, float]:
-    """Return the distance of a ray's first hit as a share of its length, and the kind of object hit.
+    """Return the distance of a ray's first hit, as a share of the ray, and the kind of object hit.
 
     Without a hit, the share is 1. Objects that contain the start (x, y) are not hit. The end of `ray` (2,) is
     relative to the start, in m.

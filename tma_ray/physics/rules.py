@@ -10,7 +10,7 @@ from tma_ray.embodiments import Embodiment, GripSensor, Joint, LidarLayout, Part
 
 
 class BodyArrays(NamedTuple):
-    """Physical properties of a body with p parts and h joints, those with motors first."""
+    """Physical properties of a body with p parts and h joints, motorised joints first."""
 
     mass: NDArray[np.float64]  # masses (p,) in kg, including those of a part's grip sensors
     inertia: NDArray[np.float64]  # moments of inertia about the centre of mass (p,), in kg m²

@@ -21,7 +21,7 @@ from tma_ray.students.policy_files import StoredPolicy
 
 
 class Standardise(nn.Module):
-    """Layer that normalises observations by `mean` (o,) and `variance` (o,) in float64, and clips them."""
+    """Layer that normalises observations in float64, by `mean` (o,) and `variance` (o,), and clips them."""
 
     mean: torch.Tensor
     deviation: torch.Tensor

@@ -111,7 +111,7 @@ class ADR(Teacher):
             self._log_box(mean_return)
 
     def _log_box(self, mean_return: float) -> None:
-        """Log the box, with the mean return that moved a boundary as its score."""
+        """Log the box; its score is the mean return that moved a boundary."""
         low, high = self.bounds_.copy()
         width = self.space.width
         shares = (high - low)[width > 0] / width[width > 0]

@@ -107,7 +107,7 @@ class CompiledEngine:
         self._release = weakref.finalize(
             self, release, handles, simulation.holds, shapes, swinging, len(self.state)
         )
-        self._world = world_of(terrain), swinging  # kept alive: the memory has their addresses
+        self._world = world_of(terrain), swinging  # kept alive: the memory stores their addresses
         put_world(self._memory, *self._world)
         self._memory.floats[BEFORE] = 0.0
 
@@ -149,7 +149,7 @@ _add, _exchange = _atomic("add"), _atomic("xchg")
 
 @kernel
 def _work(board: Integers, thread: int) -> None:
-    """Step worlds until none is left, first those of `thread`, which are in its cache."""
+    """Step worlds until none is left, starting with those of `thread`, which are in its CPU cache."""
     threads = (len(board) - LEFT) // LINE
     for turn in range(threads):
         owner = (thread + turn) % threads

@@ -89,7 +89,7 @@ def new_memory(body: StepArrays, all_joints: int, settings: SolverSettings, coun
 
 
 def put_world(memory: Memory, world: World, swinging: Integers) -> None:
-    """Store the addresses and sizes of the arrays of `world` in `memory`; `world` must outlive it."""
+    """Store the addresses and sizes of the arrays of `world` in `memory`; `world` must outlive `memory`."""
     memory.floats[[GOAL_X, WATER_Y, SWAY]] = world.goal_x, world.water_y, world.sway
     arrays = (world.ground, world.ceiling, world.creepers, world.poses, world.movable, swinging)
     sizes = len(world.ground), len(world.ceiling), len(world.creepers)
@@ -262,7 +262,7 @@ def soak(simulation: SimulationState, body: StepArrays, water_y: float) -> None:
 
 @kernel
 def let_go(simulation: SimulationState) -> None:
-    """Open grips whose action is not positive."""
+    """Open each grip whose action is not positive."""
     joints = len(simulation.commands)
     for sensor in range(len(simulation.holds)):
         hold = simulation.holds[sensor]
@@ -276,7 +276,7 @@ def let_go(simulation: SimulationState) -> None:
 def take_hold(
     simulation: SimulationState, body: StepArrays, world: World, swinging: Integers, error_bias: float
 ) -> None:
-    """Close grips whose action is positive around the objects that they touch."""
+    """Close each grip whose action is positive around the object that it touches, if any."""
     joints, grips = len(simulation.commands), simulation.grips
     update_grip_contacts(simulation.state, simulation.rotations, body, world, simulation.points, grips)
     for sensor in range(len(simulation.holds)):

@@ -26,7 +26,7 @@ def empty(shape: tuple[int, ...], dtype: torch.dtype, device: torch.device) -> t
 
 
 def upload(values: NDArray[Any], device: torch.device) -> torch.Tensor:
-    """Return `values` as a tensor on `device`; on a CPU, it may share their memory."""
+    """Return `values` as a tensor on `device`; a tensor on a CPU may share memory with `values`."""
     tensor = torch.from_numpy(np.ascontiguousarray(values))
     if device.type == "cpu":
         return tensor

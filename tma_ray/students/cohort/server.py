@@ -19,7 +19,7 @@ from tma_ray.students.rollout_workers.link import CohortSettings, SharedBuffer
 
 
 def recorded_event() -> torch.cuda.Event:
-    """Record an event on the current CUDA stream, and return it; waiting for it does not spin."""
+    """Record and return an event on the current CUDA stream; waiting for the event does not spin."""
     event = torch.cuda.Event(blocking=True)  # type: ignore[no-untyped-call]
     event.record()
     return event
@@ -126,7 +126,7 @@ class LearnerServer:
                 self._connections.append(self._new.popleft())
             while self._done:
                 worker, reply = self._done.popleft()
-                if worker in self._slots:  # otherwise it has disconnected
+                if worker in self._slots:  # otherwise the worker has disconnected
                     self._answer(worker, reply)
             return
         try:

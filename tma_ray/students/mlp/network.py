@@ -257,7 +257,7 @@ class FlatParameters:
     def backpropagate(
         self, kept: Sequence[torch.Tensor], gradient: torch.Tensor, others: Sequence[torch.Tensor] = ()
     ) -> None:
-        """Write the gradient of the only network, given that at its outputs (n, h), and that of `others`."""
+        """Backpropagate the outputs' `gradient` (n, h) through the only network; store those of `others`."""
         (network,) = self.networks
         network.backpropagate(kept, gradient)
         self._keep(others)

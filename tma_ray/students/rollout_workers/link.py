@@ -53,7 +53,7 @@ class SharedBuffer:
         send_handle(connection, self._descriptor, None)
 
     def post(self, values: Iterable[Any]) -> tuple[Any, ...]:
-        """Copy the arrays in `values` to the buffer, and return `values` with references to them instead."""
+        """Copy arrays in `values` to the buffer, and return `values` with arrays replaced by references."""
         message, offset = list(values), 0
         for index, value in enumerate(message):
             if isinstance(value, np.ndarray):
