@@ -54,7 +54,7 @@ _LABELS = {
 def label(part: str) -> str:
     """Return the display name of a teacher, student or environment, with its settings.
 
-    A name over `MAX_LABEL_CHARS` is cut in the middle, with four digits of its hash to keep it distinct.
+    A name longer than `MAX_LABEL_CHARS` is cut in the middle, and four digits of its hash keep it distinct.
 
     Examples:
         >>> label("alp_gmm"), label("alp_gmm:fit_every=100"), label("ppo:preset=decisive")

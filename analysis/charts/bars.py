@@ -51,7 +51,7 @@ def bars_with_pairs(
 ) -> base.Chart:
     """Return a bar chart of mean results, with a panel per challenge (row) and knowledge level (column).
 
-    Brackets join teachers that differ significantly. If a panel has over `MOST_BRACKETS` of them, all panels
+    Brackets join teachers that differ significantly. If a panel has more than `MOST_BRACKETS`, all panels
     have letters instead: two teachers share a letter exactly if they do not differ significantly. A dashed
     line is Random's mean, a dash a missing result.
 

@@ -111,7 +111,7 @@ class Curve(Mark):
     high: Array | None = None  # upper ends of the band (n,); None for no band
     n: NDArray[Any] | None = None  # number of runs (n,); the line is thinner where some are missing
     fill: str = ""  # colour inside markers; empty for that of the line
-    width: float = 2.0  # width of the line, in CSS pixels; lines under 1.5 have no markers
+    width: float = 2.0  # width of the line, in CSS pixels; lines thinner than 1.5 have no markers
     opacity: float = 0.17  # opacity of the band, in [0, 1]
 
 

@@ -227,7 +227,7 @@ def difference_chart(
     return base.Chart(name, [panels], heading, DIFFERENCES, size=size, letters=7.5)
 
 
-FEWEST_WITH_BAND = 5  # least number of runs for a band, which with fewer runs would fill the panel
+FEWEST_WITH_BAND = 5  # minimum number of runs for a band, which with fewer runs would fill the panel
 
 
 def profile_chart(table: pd.DataFrame, quantity: str, name: str, heading: str, caption: str) -> base.Chart:

@@ -25,7 +25,7 @@ FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, s
 ROW, ROWS_FRAME = 34, 76  # heights of a teacher's row, and of axis and margins together, in CSS pixels
 
 SPACING, LEAST_HEIGHT, COMPARISONS_FRAME = 11, 30, 130
-"""Height of each mean, least height of a comparison's row, height of axis and legend, in CSS pixels."""
+"""Height of each mean, minimum height of a comparison's row, height of axis and legend, in CSS pixels."""
 
 MOST_ACROSS = 4  # largest number of plots side by side
 

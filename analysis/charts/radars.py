@@ -62,7 +62,7 @@ def radar(
     Stars at the end of an axis mark teachers that are significantly better than Random; markers are filled
     where teachers differ from Random. A plus is the best result on the original space as a ratio to Random's
     on the challenge, if embodiments and students are the same. Missing ratios are gaps. Where Random is at 0,
-    results over 0 lie in a band outside the rings, the best at its outer edge.
+    results above 0 lie in a band outside the rings, the best at its outer edge.
 
     Args:
         table: results from `pooling.pooled` after `pooling.reuse_random`, or `reference.paper_frame`.

@@ -49,7 +49,7 @@ def write_tables(
     Raises:
         ResultsRootError: if one of `sources` is not a results root.
         BaselineError: if a baseline is damaged.
-        ValueError: if the step is under 1, or is given for published results.
+        ValueError: if the step is below 1, or is given for published results.
     """
     if step is not None and step < 1:
         raise ValueError(f"step {step}: expected at least 1, or none for the ends of the runs")

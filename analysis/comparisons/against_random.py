@@ -50,7 +50,7 @@ class AgainstRandom:
     across: Mapping[str, Any]  # conditions: values of `ACROSS`
     challenges: int  # number of challenges
     fewest: int  # smallest number of runs of either teacher on a challenge
-    gaps: Mapping[str, Gap]  # by measure; `TRAINED` only if under `NEARLY_ALL` % of the steps were trained
+    gaps: Mapping[str, Gap]  # by measure; `TRAINED` only if less than `NEARLY_ALL` % of steps was trained
 
     @property
     def verdict(self) -> str:

@@ -23,7 +23,7 @@ CORRELATION_DRAWS = 20_000
 """Number of random draws behind the interval of a correlation."""
 
 LEAST_FREEDOM = 4
-"""Least degrees of freedom of both covariances; with fewer, draws have no second moments."""
+"""Minimum degrees of freedom of both covariances; with fewer, draws have no second moments."""
 
 Floats = NDArray[np.float64]
 

@@ -34,7 +34,7 @@ BLOCK_COLUMNS = [*ACROSS, "block", "challenges", "of"]
 """Columns that identify a block of rows of `overall`: the teachers on one set of challenges."""
 
 CREDIBLE = 0.95
-"""Least probability that the teachers of `Leaderboard.best` include the best one."""
+"""Minimum probability that the teachers of `Leaderboard.best` include the best one."""
 
 
 @dataclass(frozen=True)
@@ -295,7 +295,7 @@ def overall(runs: pd.DataFrame, measure: str = HEADLINE) -> pd.DataFrame:
         teacher, n, and with their 95 % intervals mean, low_mean, high_mean: mean over challenges of equal
         weight; better, low_better, high_better: probability that a run is better than one of Random on the
         same challenge (Agarwal et al., 2021); final: the same mean of the last three evaluations; worst:
-        result of the worst run, the mean over challenges; over_25, over_50, over_75: share of runs over that
+        result of the worst run, the mean over challenges; over_25, over_50, over_75: share of runs above that
         percentage.
     """
     by, tables = [*ACROSS, "teacher"], []
@@ -329,7 +329,7 @@ def overall_rows(runs: pd.DataFrame, measure: str = HEADLINE) -> list[dict[str, 
 
     Returns:
         block, place, name (of the teacher), n, mean and better (with intervals), final, worst, over (shares
-        of runs over `THRESHOLDS`).
+        of runs above `THRESHOLDS`).
     """
     rows, named = [], _named_conditions(runs)
     for row in overall(runs, measure).to_dict("records"):

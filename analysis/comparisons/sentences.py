@@ -175,7 +175,7 @@ def ranking_sentences(table: pd.DataFrame) -> list[str]:
 def sentences(tests: pd.DataFrame) -> list[str]:
     """Return sentences about tests (rows from `pairwise.pairwise`), those against Random first.
 
-    Opponents with the same verdicts share a sentence. Differences are significant where p is under 0.05 after
+    Opponents with the same verdicts share a sentence. Differences are significant where p is below 0.05 after
     Holm's correction.
     """
     order = tests.assign(last=[not is_baseline(name) for name in tests["second"]])

@@ -3,7 +3,7 @@
 Views group runs by the names of their environment, challenge, body, student, teacher and test set. A name
 with several meanings among some runs (versions of an algorithm, contents of a file, hyper-parameters under
 one label) would pool runs that must stay apart. Each such name is split once, when results are read: most
-runs keep the plain name, the others get one that states the difference.
+runs keep the plain name, the others get one that includes the difference.
 """
 
 import json
@@ -57,7 +57,7 @@ def disambiguate_names(cells: Sequence[pd.DataFrame]) -> tuple[list[pd.DataFrame
 def split_experiments(cells: pd.DataFrame) -> tuple[pd.DataFrame, tuple[str, ...]]:
     """Split experiments whose runs differ in `RUN_CONDITIONS`: return cells, and a sentence per new name.
 
-    In each comparison, runs that differ from most get an experiment whose name states the difference.
+    In each comparison, runs that differ from most others get an experiment named after the difference.
     """
     begun = cells[cells["steps"].notna()]
     names, sentences = cells["experiment"].copy(), []

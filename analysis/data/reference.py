@@ -31,7 +31,7 @@ def baseline_runs(
     """Return the runs of Random that the teachers of one comparison are tested against.
 
     Random uses no expert knowledge, and the experiment makes no difference to it. A comparison without runs
-    of Random uses those of another one, of the same experiment if possible, and of the lowest level.
+    of Random uses those of another comparison, of the same experiment if possible, and of the lowest level.
 
     Args:
         group: rows of the comparison.

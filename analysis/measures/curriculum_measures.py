@@ -36,7 +36,7 @@ def coverage_and_entropy(tasks: Task, space: TaskSpace, bins: int = BINS) -> tup
         free dimensions. n tasks occupy at most n cells, so only equal n are comparable.
 
     Raises:
-        ValueError: if `bins` is under 2.
+        ValueError: if `bins` is below 2.
     """
     _check_bins(bins)
     free = space.width > 0

@@ -15,7 +15,7 @@ from analysis.statistics import describe
 from tma_ray.support.component_names import base_name
 
 FEW_WINDOWS = 8
-"""Least number of training windows for a training curve; with fewer, returns are read from the episodes."""
+"""Minimum number of windows for a training curve; with fewer, returns are read from the episodes."""
 
 CURVE_POINTS = 40
 """Number of points of a training curve that is read from the episodes."""

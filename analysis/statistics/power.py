@@ -58,7 +58,7 @@ def detectable_difference(
     Args:
         first: n and true standard deviation of a sample; the mean is ignored.
         second: n and true standard deviation of the other sample.
-        target: power, over `significance` and under 1.
+        target: power, above `significance` and below 1.
         significance: significance level.
 
     Returns:
@@ -83,7 +83,7 @@ def detectable_in_pairs(
     Args:
         pairs: number of pairs.
         margin: half the width of the 95 % interval of the mean difference.
-        target: power, over `significance` and under 1.
+        target: power, above `significance` and below 1.
         significance: significance level.
 
     Returns:
@@ -116,7 +116,7 @@ def seeds_needed(test: Comparison, seeds: float, target: float = POWER) -> int |
         target: power of the test with the returned number of seeds.
 
     Returns:
-        The least number, from 2 on; None without a t-test or where `MOST_SEEDS` do not suffice.
+        The smallest number, at least 2; None without a t-test or where `MOST_SEEDS` do not suffice.
     """
     if seeds <= 1 or not math.isfinite(test.t):
         return None
