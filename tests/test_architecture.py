@@ -114,9 +114,7 @@ def test_public_classes_have_one_meaning_each_and_constants_one_definition() -> 
         classes.update({node.name for node in body if isinstance(node, ast.ClassDef)})
         targets = [target for node in body if isinstance(node, ast.Assign) for target in node.targets]
         targets += [node.target for node in body if isinstance(node, ast.AnnAssign)]
-        constants.update(
-            {target.id for target in targets if isinstance(target, ast.Name) and target.id.isupper()}
-        )
+        constants.update({each.id for each in targets if isinstance(each, ast.Name) and each.id.isupper()})
     assert not {name for name, count in classes.items() if count > 1 and name[0] != "_"}
     assert not {name for name, count in constants.items() if count > 2 and name[0] != "_"}
 
@@ -187,6 +185,5 @@ def test_the_files_of_each_walk_are_counted() -> None:
         walk.splitlines()[0].lower(): len(set(re.findall(r"`((?:tma_ray|analysis)/[\w/]+\.py)`", walk)))
         for walk in walks
     }
-    assert counted == {
-        name: int(count) for name, count in re.findall(r"^\| (\w.*) \| (\d+) \|$", table.lower(), re.M)
-    }
+    rows = re.findall(r"^\| (\w.*) \| (\d+) \|$", table.lower(), re.MULTILINE)
+    assert counted == {name: int(count) for name, count in rows}

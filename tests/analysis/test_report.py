@@ -178,12 +178,9 @@ def test_an_empty_root(small: SyntheticCampaign) -> None:
     assert not page.images
 
 
-def test_no_root_at_all(tmp_path: Path) -> None:
+def test_what_makes_no_report_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ResultsRootError):
         write_report(tmp_path / "nowhere")
-
-
-def test_an_object_store_needs_an_output() -> None:
     with pytest.raises(ValueError, match="which folder"):
         write_report("s3://bucket/results")
 

@@ -224,9 +224,8 @@ def test_both_decide_alike_where_both_decide() -> None:
     runs_there = in_cell(released_runs(find_baseline("simulated-1").frames()), PLACE)
     angles = {name: rows.to_numpy(float)[None] for name, rows in runs_there.groupby("teacher")["angle"]}
     random = angles["random"]
-    rule = DecisionRule(
-        (5, 10), planned_fractions((5, 10), np.ones(1), np.full(1, 10.0)), margin=1e-9, error=0.025
-    )
+    planned = planned_fractions((5, 10), np.ones(1), np.full(1, 10.0))
+    rule = DecisionRule((5, 10), planned, margin=1e-9, error=0.025)
     estimand = Estimand(np.ones(1), np.ones(1), np.zeros(1))
     found: dict[str, str] = {}
     for teacher in ADASTOP:

@@ -44,9 +44,8 @@ def test_stump_tracks_are_built_at_every_corner(challenge: Challenge) -> None:
 def test_stump_tracks_has_the_papers_five_challenges() -> None:
     known = challenges_of("stump_tracks")
     original, unfeasible, trivial, forgetting, rugged, diverse, _ = known.values()
-    assert [each.name for each in (unfeasible, trivial, forgetting, rugged, diverse)] == [
-        matrix.challenge for matrix in STUMP_TRACKS_CHALLENGES
-    ]
+    names = [each.name for each in (unfeasible, trivial, forgetting, rugged, diverse)]
+    assert names == [matrix.challenge for matrix in STUMP_TRACKS_CHALLENGES]
     np.testing.assert_array_equal([unfeasible.task_space.low, unfeasible.task_space.high], [[0, 0], [9, 6]])
     np.testing.assert_array_equal([trivial.task_space.low, trivial.task_space.high], [[-3, 0], [3, 6]])
     assert forgetting.resets == (0.35, 0.7)

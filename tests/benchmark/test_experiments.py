@@ -149,9 +149,8 @@ def test_the_papers_results_are_of_the_benchmarks_matrices() -> None:
     results = paper_results()
     assert len(results) == 156
     for result in results:
-        matrices = [
-            m for m in MATRICES if (m.environment, m.challenge) == (result.environment, result.challenge)
-        ]
+        place = (result.environment, result.challenge)
+        matrices = [m for m in MATRICES if (m.environment, m.challenge) == place]
         assert result.teacher in TEACHERS
         assert result.expert_knowledge in {level for matrix in matrices for level in matrix.levels}
         pooled = [m for m in matrices if set(m.embodiments) <= set(result.embodiments)]
@@ -191,9 +190,8 @@ def test_stages_are_all_of_an_experiment(name: str, student: str) -> None:
 def test_long_runs_have_the_papers_budget_and_its_knowledge() -> None:
     long = find_experiment("long_1")
     assert long.stage(None) == tuple(matrix for stage in long.stages for matrix in long.stage(stage))
-    assert {(*m.students, m.steps, m.test_every) for m in long.matrices} == {
-        ("ppo:preset=decisive", 20_000_000, 2)
-    }
+    expected = ("ppo:preset=decisive", 20_000_000, 2)
+    assert {(*each.students, each.steps, each.test_every) for each in long.matrices} == {expected}
     sizes = {
         stage: sum(len(m.teachers) * len(m.embodiments) * len(m.seeds) for m in matrices)
         for stage, matrices in long.stages.items()

@@ -106,9 +106,8 @@ def test_a_stopped_cohort_leaves_checkpoints_and_continues(tmp_path: Path) -> No
     checkpoints = root / "checkpoints"
     runs, head = what.plan().runs, connect(None).head
     executor = RayExecutor(committer.store, chosen, head, Cohorts(chosen, head, runs, stack_keys(runs)))
-    ended = Scheduler(committer, executor, chosen, quiet()).execute(
-        runs, lambda: len(list(checkpoints.glob("*/*/index.json"))) >= 2
-    )
+    scheduler = Scheduler(committer, executor, chosen, quiet())
+    ended = scheduler.execute(runs, lambda: len(list(checkpoints.glob("*/*/index.json"))) >= 2)
     (tmp_path / "stopped").touch()
     assert (ended.done, ended.stopped, ended.waiting) == (0, 2, 0)
     committer.write_cells("short", what.plan().cell_rows)

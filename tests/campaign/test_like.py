@@ -58,9 +58,8 @@ def test_cells_seeds_and_settings_are_those_of_the_release(tmp_path: Path, level
     assert {spec.teacher for spec in plan.runs} == {"riac"}
     assert [spec.seed for spec in plan.runs] == [0] * 7 + [1] * 7
     columns = ("experiment", "challenge", "embodiment", "expert_knowledge", "seed")
-    assert {tuple(row[name] for name in columns) for row in plan.cell_rows} == {
-        tuple(row[name] for name in columns) for row in source.cell_rows
-    }
+    found, expected = ({tuple(row[name] for name in columns) for row in p.cell_rows} for p in (plan, source))
+    assert found == expected
 
 
 @pytest.mark.slow

@@ -1,6 +1,5 @@
 """What is checked before runs start: storage that all nodes see, files that are shipped, a living head."""
 
-import os
 import subprocess
 import sys
 import textwrap
@@ -99,9 +98,7 @@ DRIVER = """
 
 def driver(wait: float, *, lost: bool) -> subprocess.CompletedProcess[str]:
     code = textwrap.dedent(DRIVER).replace("HEAD_IS_LOST", str(lost)).replace("WAIT", str(wait))
-    return subprocess.run(
-        [sys.executable, "-c", code], env=os.environ, capture_output=True, text=True, timeout=120, check=False
-    )
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
 
 
 def test_a_lost_head_ends_the_driver_with_a_message() -> None:

@@ -27,9 +27,7 @@ CAMPAIGN = Campaign(
         )
     ),
     seeds=(0,),
-    schedule=Schedule(
-        steps=6_000, evaluation_interval=1_500, probe_interval=1_500, probe_size=5, training_window=1_500
-    ),
+    schedule=Schedule(6_000, 1_500, probe_interval=1_500, probe_size=5, training_window=1_500),
 )
 
 if __name__ == "__main__":

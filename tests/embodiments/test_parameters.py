@@ -16,9 +16,8 @@ def test_a_spider_has_two_legs_a_pair(pairs: int) -> None:
     body = load_embodiment("spider", pairs_of_legs=pairs)
     assert body.name == ("spider" if pairs == 2 else f"spider:pairs_of_legs={pairs}")  # two are its own
     assert body.action_size == 6 * pairs
-    assert [joint.contact_part for joint in body.motors if joint.contact_part] == [
-        f"lower_leg_{leg}" for leg in range(1, 2 * pairs + 1)
-    ]
+    lower = [f"lower_leg_{leg}" for leg in range(1, 2 * pairs + 1)]
+    assert [joint.contact_part for joint in body.motors if joint.contact_part] == lower
 
 
 @pytest.mark.parametrize("bodies", [1, 2, 4, 7, 12])
@@ -63,14 +62,11 @@ def test_any_body_may_drown_or_suffocate_after_other_times() -> None:
 
 def test_a_repeated_section_may_hold_grip_sensors(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
-    sensor = (
-        '[[repeat.grip_sensors]]\nname = "grip_{k}"\npart = "lower_leg_{2k}"\nposition = [1.447, -0.37]\n'
-    )
+    sensor = '[[repeat.grip_sensors]]\nname = "grip_{k}"\npart = "lower_leg_{2k}"\nposition = [1.447, -0.37]'
     path.write_text((DATA / "spider.toml").read_text() + sensor)
     body = load_embodiment(path, pairs_of_legs=3)
-    assert [(grip.name, grip.part) for grip in body.grip_sensors] == [
-        (f"grip_{pair}", f"lower_leg_{2 * pair}") for pair in (1, 2, 3)
-    ]
+    expected = [(f"grip_{pair}", f"lower_leg_{2 * pair}") for pair in (1, 2, 3)]
+    assert [(grip.name, grip.part) for grip in body.grip_sensors] == expected
     assert body.action_size == 21
 
 

@@ -48,9 +48,8 @@ def same(given, expected) -> bool:
 @pytest.mark.parametrize("name", IDS)
 def test_worlds_equal_gymnasiums_own_in_every_mode(name: str, mode: AutoresetMode, threads: int) -> None:
     """Episodes begin when others are under way: since they ended, and by force."""
-    worlds = gymnasium.make_vec(
-        IDS[name], num_envs=COUNT, threads=threads, autoreset_mode=mode, max_episode_steps=100
-    )
+    options = {"threads": threads, "autoreset_mode": mode, "max_episode_steps": 100}
+    worlds = gymnasium.make_vec(IDS[name], num_envs=COUNT, **options)
     assert isinstance(worlds.unwrapped, VectorEnvironment)
     assert worlds.metadata["autoreset_mode"] is worlds.unwrapped.autoreset_mode is mode
     expected = one_by_one(name, mode)
@@ -125,9 +124,7 @@ def test_gymnasiums_vector_wrappers_accept_the_worlds(mode: AutoresetMode) -> No
     ends = []
     for worlds in (ours, SyncVectorEnv([make, make], autoreset_mode=mode)):
         wrapped = wrappers.NormalizeReward(wrappers.ClipAction(wrappers.RecordEpisodeStatistics(worlds)))
-        if (
-            mode is AutoresetMode.NEXT_STEP
-        ):  # the only one, beside DISABLED, that those of observations accept
+        if mode is AutoresetMode.NEXT_STEP:  # which those of observations accept, beside DISABLED
             wrapped = wrappers.NormalizeObservation(wrapped)
         wrapped.reset(seed=0)
         infos = [wrapped.step(np.full((2, 4), 2.0, np.float32))[4] for _ in range(35)]
@@ -165,9 +162,8 @@ def test_every_world_has_the_task_that_it_is_given() -> None:
         np.testing.assert_array_equal(info["task"][row], single["task"], strict=True)
         assert observations[row].tobytes() == alone.tobytes()
     others = tasks[::-1].copy()
-    after, info = worlds.reset(
-        seed=[9, 9, 9], options={"task": others, "reset_mask": np.array([True, False, False])}
-    )
+    first = np.array([True, False, False])
+    after, info = worlds.reset(seed=[9, 9, 9], options={"task": others, "reset_mask": first})
     assert info["_task"].tolist() == [True, False, False]
     assert info["task"][0].tolist() == others[0].tolist()
     assert after[1:].tobytes() == observations[1:].tobytes()

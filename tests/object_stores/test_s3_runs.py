@@ -1,22 +1,27 @@
 """Whole runs in a bucket: the tables of a run on a disk, bit for bit, whatever happens on the way."""
 
 import json
+import os
+import subprocess
+import sys
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from threading import Barrier
 
 import pytest
 from s3_proxy import Proxy
-from small_runs import data_files, run, short_run
+from small_runs import SCHEDULE, STUDENTS, data_files, run, short_run
 
 from analysis.baselines import find_baseline
 from analysis.tracking.event_folder import EventFolder
 from analysis.trials.design import make_design, released_runs
+from tma_ray.campaign import Campaign
 from tma_ray.cli.trial import _Trial
-from tma_ray.results import CHECKPOINTS, Lease, Results, RootInUseError, Store, Table, create_root
+from tma_ray.results import CHECKPOINTS, Committer, Lease, Results, RootInUseError, Store, Table, create_root
 from tma_ray.results.layout import LEASE_FILE
 from tma_ray.results.storage import bucket
-from tma_ray.runs import RunSpec
+from tma_ray.runs import Cell, RunSpec, run_locally
 
 FORTY = 40
 EXPIRED = json.dumps({"holder": "dead", "token": "old", "renewed_at": 0.0, "process": None}).encode()
@@ -111,3 +116,33 @@ def test_the_page_of_a_trial_lies_in_the_bucket(s3_root: str) -> None:
     assert not _Trial(store, design, released_runs(frames), frames).judge()
     assert store.files("trial") == ("trial/index.html",)
     assert b"No look is complete yet" in store.read_bytes("trial/index.html")
+
+
+HERE = Path(__file__).parent
+HELPERS = [str(HERE), str(HERE.parent / "runs"), str(HERE.parent / "campaign")]
+CELL = Cell("corridor:Corridor", "original", "", "ppo", student_hyperparameters=STUDENTS["ppo"])
+CELLS = tuple(replace(CELL, teacher=teacher) for teacher in ("random", "riac"))
+CAMPAIGN = Campaign("bucket", CELLS, (0,), SCHEDULE)
+
+
+def execute(root: str) -> subprocess.CompletedProcess[str]:
+    """Execute the campaign in a process of its own, whose Ray has its environment."""
+    path = os.pathsep.join([*HELPERS, os.environ.get("PYTHONPATH", "")])
+    options = ("--memory-per-run", "0.5", "--checkpoint-seconds", "1")
+    command = [sys.executable, __file__, "--results", root, *options]
+    return subprocess.run(command, env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True)
+
+
+@pytest.mark.slow
+def test_workers_write_into_a_bucket_what_one_process_writes_on_a_disk(s3_root: str, tmp_path: Path) -> None:
+    ended = execute(s3_root)
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    for spec in CAMPAIGN.plan().runs:
+        run_locally(spec, Committer.open(tmp_path))
+    assert len(data_files(tmp_path)) == 10
+    assert data_files(s3_root) == data_files(tmp_path)
+    assert not Store.open(s3_root).exists("lease.json")
+
+
+if __name__ == "__main__":
+    CAMPAIGN.main()

@@ -84,9 +84,8 @@ def test_a_lasting_failure_names_the_file_and_loses_nothing(s3_root: str, proxy:
     proxy.refuse = lambda method, path: True
     actions = {"write_bytes": (b"new",), "read_bytes": (), "move": ("x",), "delete": ()}
     for action in (partial(getattr(store, name), "tables/file", *more) for name, more in actions.items()):
-        with pytest.raises(
-            ObjectStoreError, match=f"{s3_root}/tables/file: the object store went on failing"
-        ):
+        failing = f"{s3_root}/tables/file: the object store went on failing"
+        with pytest.raises(ObjectStoreError, match=failing):
             action()
     proxy.refuse = lambda method, path: False
     assert store.files() == ("tables/file",)

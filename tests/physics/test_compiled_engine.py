@@ -40,13 +40,10 @@ def test_a_copy_is_an_engine_of_its_own(copied: Callable[[CompiledEngine], Compi
     twin.step(np.zeros(4))
 
 
-def test_a_step_before_a_reset_is_refused() -> None:
-    with pytest.raises(RuntimeError, match="no world yet: call reset"):
-        CompiledEngine(BODY, RULES).step(np.zeros(4))
-
-
-def test_a_step_after_a_failed_reset_is_refused() -> None:
+def test_a_step_before_a_reset_or_after_a_failed_one_is_refused() -> None:
     engine = CompiledEngine(BODY, RULES)
+    with pytest.raises(RuntimeError, match="no world yet: call reset"):
+        engine.step(np.zeros(4))
     engine.reset(some_world(), 0.0)
     with pytest.raises(TypeError):
         engine.reset(some_world(), None)

@@ -106,17 +106,13 @@ def test_reward_is_progress_less_tilt_and_cost() -> None:
     assert potential == shaping(after, ARRAYS)
 
 
-def test_the_head_touching_anything_is_a_fall() -> None:
+def test_the_head_touching_anything_is_a_fall_and_so_is_leaving_the_track_backwards() -> None:
+    assert step_outcome(state_at(-0.01), NOTHING, ARRAYS, GOAL, 0.0, 0.0)[:2] == (-100.0, True)
     reward, ended, _ = step_outcome(state_at(), touching({0: (1, 0)}), ARRAYS, GOAL, 0.0, 0.0)
     assert (reward, ended) == (-100.0, True)
-    _, ended, _ = step_outcome(
-        state_at(), touching({1: (3, 0), 2: (1, 2), 3: (1, 0), 4: (0, 1)}), ARRAYS, GOAL, 0.0, 0.0
-    )
+    legs = touching({1: (3, 0), 2: (1, 2), 3: (1, 0), 4: (0, 1)})
+    _, ended, _ = step_outcome(state_at(), legs, ARRAYS, GOAL, 0.0, 0.0)
     assert not ended
-
-
-def test_leaving_the_track_backwards_is_a_fall() -> None:
-    assert step_outcome(state_at(-0.01), NOTHING, ARRAYS, GOAL, 0.0, 0.0)[:2] == (-100.0, True)
 
 
 def test_the_goal_ends_the_episode_and_keeps_the_reward() -> None:

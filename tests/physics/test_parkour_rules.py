@@ -60,9 +60,8 @@ def test_the_dead_do_not_act_and_pay_nothing() -> None:
         engine.medium[1] = 601
     for _ in range(50):
         before = engines[0].state[BODIES["fish"].head, 0]
-        (seen, reward, _), (resting, unmoved, _) = (
-            engine.step(np.full(4, action)) for engine, action in zip(engines, (1.0, 0.0), strict=True)
-        )
+        acting = zip(engines, (1.0, 0.0), strict=True)
+        (seen, reward, _), (resting, unmoved, _) = (each.step(np.full(4, action)) for each, action in acting)
         assert seen.tobytes() == resting.tobytes()
         assert reward == unmoved
         assert reward == pytest.approx(FORWARD_WEIGHT * (engines[0].state[0, 0] - before))

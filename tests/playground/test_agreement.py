@@ -62,9 +62,8 @@ def test_policies_act_as_in_python(kind: str, tmp_path: Path) -> None:
     saved = find_policy(str(POLICIES[kind]), "results")
     environment = make_environment("stump_tracks", embodiment=saved.spec.embodiment)
     policy = saved.load(environment.observation_space, environment.action_space)
-    observations = (
-        np.random.default_rng(0).normal(0, 1, (100, *environment.observation_space.shape)).astype("f4")
-    )
+    (size,) = environment.observation_space.shape
+    observations = np.random.default_rng(0).normal(size=(100, size)).astype(np.float32)
     content = {"policy": policy_record(saved, "results"), "observations": observations}
     file = tmp_path / "policy.json"
     file.write_text(json.dumps(content, default=np.ndarray.tolist))

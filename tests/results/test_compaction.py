@@ -64,9 +64,8 @@ def add(committer: Committer, run_id: str, *, finished: bool = True) -> None:
     add_run(committer.store, run_id, (0, 10), finished=finished, empty=empty)
     for attempt in range(2):
         started = datetime(2026, 11, 20, tzinfo=UTC)
-        committer.record_attempt(
-            AttemptRecord(run_id, attempt, started, 1.0, 2.0, f"host-{run_id}", "{}", AttemptOutcome.DONE)
-        )
+        measured = (started, 1.0, 2.0, f"host-{run_id}", "{}")
+        committer.record_attempt(AttemptRecord(run_id, attempt, *measured, AttemptOutcome.DONE))
 
 
 def add_cells(committer: Committer, experiment: str, run_ids: list[str]) -> None:

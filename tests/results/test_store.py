@@ -4,13 +4,27 @@ import errno
 import json
 import os
 import pickle
+import stat
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from fsspec.implementations.arrow import ArrowFSWrapper
 from pyarrow import fs
+from results_examples import add_run
 
-from tma_ray.results import Committer, Results, ResultsRootError, StorageError, Store, check_id, create_root
+from tma_ray.results import (
+    Committer,
+    Lease,
+    Results,
+    ResultsRootError,
+    RootInUseError,
+    StorageError,
+    Store,
+    check_id,
+    create_root,
+    verify_root,
+)
 from tma_ray.results.storage import AddressStore
 
 
@@ -114,17 +128,12 @@ def test_a_uri_may_name_a_folder(tmp_path: Path) -> None:
     assert Store.open(tmp_path.as_uri()).base == str(tmp_path)
 
 
-def test_an_empty_place_becomes_a_root_once(store: Store) -> None:
+def test_an_empty_place_becomes_a_root_once_whatever_a_kill_has_left(store: Store) -> None:
+    store.write_bytes(store.temporary(), b"{")
     create_root(store)
     content = store.read_bytes("root.json")
     create_root(store)
     assert store.read_bytes("root.json") == content
-
-
-def test_a_kill_before_the_root_is_made_does_not_spoil_it(store: Store) -> None:
-    store.write_bytes(store.temporary(), b"{")
-    create_root(store)
-    assert store.exists("root.json")
 
 
 def test_other_files_are_never_taken_for_a_root(store: Store) -> None:
@@ -155,3 +164,77 @@ def test_a_damaged_or_foreign_root_file_is_refused(store: Store, content: bytes)
 def test_ids_that_are_no_file_names_are_refused(name: str) -> None:
     with pytest.raises(ValueError, match="file names"):
         check_id(name)
+
+
+NO_LINKS = (errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK, errno.EINVAL)
+
+
+def without_links(monkeypatch: pytest.MonkeyPatch, number: int) -> None:
+    monkeypatch.setattr(os, "link", refusing(number))
+
+
+def without_folder_sync(monkeypatch: pytest.MonkeyPatch, number: int) -> None:
+    sync = os.fsync
+
+    def fsync(descriptor: int) -> None:
+        if stat.S_ISDIR(os.fstat(descriptor).st_mode):
+            raise OSError(number, os.strerror(number))
+        sync(descriptor)
+
+    monkeypatch.setattr(os, "fsync", fsync)
+
+
+@pytest.mark.parametrize("number", NO_LINKS, ids=errno.errorcode.get)
+@pytest.mark.parametrize("no_sync", [errno.EINVAL, errno.EBADF, errno.ENOTSUP], ids=errno.errorcode.get)
+def test_a_root_is_made_leased_written_and_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int, no_sync: int
+) -> None:
+    without_links(monkeypatch, number)
+    without_folder_sync(monkeypatch, no_sync)
+    store = Store.open(tmp_path / "new/root")
+    create_root(store)
+    with Lease(store, "the first"):
+        with pytest.raises(RootInUseError, match="the first"):
+            Lease(store, "the second").acquire()
+        add_run(store, "a-run")
+    assert verify_root(store).damage == ()
+    assert [each.run.run_id for each in Results(store).runs()] == ["a-run"]
+    with Lease(store, "the second"):
+        pass
+    assert list((tmp_path / "new/root/tmp").iterdir()) == []
+
+
+@pytest.mark.parametrize("number", [errno.EIO, errno.ENOSPC], ids=errno.errorcode.get)
+def test_a_folder_that_is_not_synced_for_another_reason_is_an_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
+    without_folder_sync(monkeypatch, number)
+    with pytest.raises(StorageError, match="the same command continues"):
+        Store.open(tmp_path / "root").write_bytes("file", b"1")
+
+
+def refusing(number: int) -> Callable[..., None]:
+    def refuse(*_: object, **__: object) -> None:
+        raise OSError(number, os.strerror(number))
+
+    return refuse
+
+
+def test_a_name_that_cannot_be_given_stays_free(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    without_links(monkeypatch, errno.EPERM)
+    store = Store.open(tmp_path)
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "replace", refusing(errno.ENOSPC))
+        with pytest.raises(StorageError, match="free some space"):
+            store.create("lease.json", b"1")
+    assert store.create("lease.json", b"2")
+    assert not store.create("lease.json", b"3")
+    assert store.read_bytes("lease.json") == b"2"
+
+
+def test_what_no_repetition_mends_is_not_repeated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "fsync", refusing(errno.EINVAL))
+    lacking = r"file system lacks an operation.*use a folder on another"
+    with pytest.raises(StorageError, match=lacking) as info:
+        Store.open(tmp_path).write_bytes("file", b"1")
+    assert "the same command" not in str(info.value)

@@ -91,9 +91,8 @@ def test_a_state_that_cannot_be_pickled_is_named(tmp_path: Path, monkeypatch: py
 
     monkeypatch.setattr(Random, "start", start_with)
     teacher = InlineTeacher(small_spec(tmp_path))
-    with pytest.raises(
-        ValueError, match=r"teacher 'random': what it learned cannot be pickled .*: stream_ \("
-    ):
+    unfit = r"teacher 'random': what it learned cannot be pickled .*: stream_ \("
+    with pytest.raises(ValueError, match=unfit):
         teacher.save()
 
 

@@ -71,9 +71,8 @@ def sac_update(model, hyper: SACHyperparameters) -> SACUpdate:
 
 
 def transitions(dtype, batch_size: int = 50) -> ReplayBufferSamples:
-    first, actions, following, dones, rewards = (
-        random(batch_size, columns, dtype=dtype) for columns in (OBSERVATION, ACTION, OBSERVATION, 1, 1)
-    )
+    widths = (OBSERVATION, ACTION, OBSERVATION, 1, 1)
+    first, actions, following, dones, rewards = (random(batch_size, width, dtype=dtype) for width in widths)
     return ReplayBufferSamples(first, actions.tanh(), following, (dones > 1).to(dtype), rewards)
 
 
@@ -84,9 +83,8 @@ def transitions(dtype, batch_size: int = 50) -> ReplayBufferSamples:
     ids=["clamp", "beyond-the-clamp", "tanh"],
 )
 def test_sac_equals_stock_after_ten_updates(dtype, tolerance, log_std, spread, rate):
-    hyper = SACHyperparameters(
-        hidden_units=(40, 30), learning_rate=rate, entropy_coefficient=0.2, log_std=log_std
-    )
+    values = {"learning_rate": rate, "log_std": log_std}
+    hyper = SACHyperparameters(hidden_units=(40, 30), entropy_coefficient=0.2, **values)
     model, stock = sac(hyper, dtype), sac(hyper, dtype)
     with torch.no_grad():
         model.actor.log_std.bias += spread  # some log deviations are over their bound then

@@ -31,9 +31,8 @@ def test_torchs_modules_stacks_and_compiled_rows_compute_the_same(layout):
     parameters, inputs = drawn(layout)
     expected = nn.Sequential(*as_modules(parameters, layout))(inputs)
     assert expected.shape == (9, layout.sizes[-1])
-    torch.testing.assert_close(
-        forward(split(parameters, layout), inputs, layout.activation), expected, rtol=0, atol=1e-12
-    )
+    found = forward(split(parameters, layout), inputs, layout.activation)
+    torch.testing.assert_close(found, expected, rtol=0, atol=1e-12)
     torch.testing.assert_close(Network(parameters, layout)(inputs).detach(), expected, rtol=0, atol=1e-12)
     other = drawn(layout)
     layers = split(torch.stack([other[0], parameters]), layout)

@@ -56,9 +56,8 @@ def stock_parameters(student, policy_kwargs: dict[str, object]) -> dict[str, tor
             kept = slice(units * index, units * index + units)
             weight = own[f"features_extractor.layers.{place}.weight"][kept]
             found[f"mlp_extractor.{half}_net.{place}.weight"] = weight[:, inputs]
-            found[f"mlp_extractor.{half}_net.{place}.bias"] = own[f"features_extractor.layers.{place}.bias"][
-                kept
-            ]
+            bias = own[f"features_extractor.layers.{place}.bias"]
+            found[f"mlp_extractor.{half}_net.{place}.bias"] = bias[kept]
             assert weight.count_nonzero() == weight[:, inputs].count_nonzero()
             inputs = kept
         found[f"{last}_net.weight"] = own[f"{last}_net.weight"][:, inputs]

@@ -34,9 +34,8 @@ def compile_all(folder: Path) -> None:
     from tma_ray.envs import make_environment
 
     for student in ("ppo", "sac"):
-        spec = stump_tracks_spec(
-            folder, student, "random", steps=500, evaluation_interval=500, training_window=500
-        )
+        short = dict.fromkeys(("steps", "evaluation_interval", "training_window"), 500)
+        spec = stump_tracks_spec(folder, student, "random", **short)
         run(spec, folder / student)
     for body in ("classic_bipedal", "fish", "climbing_chimpanzee"):
         world = make_environment("parkour", embodiment=body)

@@ -165,9 +165,8 @@ def test_an_installed_plugin_is_followed_within_its_own_package_only() -> None:
 @pytest.mark.parametrize("package", sorted(PACKAGES))
 def test_our_packages_are_no_part_of_a_plugin(write: Write, package: str) -> None:
     """In a checkout they are not installed, and from a wheel they are: the digest must be the same."""
-    number = write(
-        {"plug_N.py": f"import {package}\nfrom {package} import statistics\nimport own_N", "own_N.py": ""}
-    )
+    imports = f"import {package}\nfrom {package} import statistics"
+    number = write({"plug_N.py": f"{imports}\nimport own_N", "own_N.py": ""})
     assert set(PluginSource.of(f"plug_{number}").files) == {f"plug_{number}.py", f"own_{number}.py"}
 
 

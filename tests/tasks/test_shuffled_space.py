@@ -50,9 +50,8 @@ def test_no_map_leaves_its_interval_at_the_edges(shuffled: ShuffledSpace, data: 
     expected = np.sum(task > edges[1:-1], axis=0)  # interval of each coordinate
     moved = shuffled.to_world(task)
     free = space.width > 0
-    np.testing.assert_array_equal(
-        np.sum(moved > edges[1:-1], axis=0)[free], shuffled.order[np.arange(space.size), expected][free]
-    )
+    found = np.sum(moved > edges[1:-1], axis=0)
+    np.testing.assert_array_equal(found[free], shuffled.order[np.arange(space.size), expected][free])
 
 
 def test_it_is_the_interpolation_of_the_paper() -> None:

@@ -90,8 +90,9 @@ def test_the_density_follows_from_the_jacobian_that_autograd_finds(size: int) ->
     setter, latents, condition = rough(size), noise(6, size), conditions(6)
     _, log_density = setter(latents, condition)
     for row in range(6):
+        own = condition[row : row + 1]
         jacobian = torch.autograd.functional.jacobian(
-            lambda z, row=row: setter(z[None], condition[row : row + 1])[0][0], latents[row]
+            lambda z, own=own: setter(z[None], own)[0][0], latents[row]
         )
         normal = torch.distributions.Normal(0.0, 1.0).log_prob(latents[row]).sum()
         expected = normal - torch.linalg.slogdet(jacobian).logabsdet

@@ -39,13 +39,6 @@ def test_the_positive_value_loss_is_the_recursion_written_out(terminated: bool, 
     assert score == pytest.approx(total / 12, rel=1e-12)
 
 
-def test_a_student_that_knows_its_values_has_no_positive_value_loss() -> None:
-    rewards = [1.0, 2.0, 4.0]
-    values = np.array([1 + 0.9 * (2 + 0.9 * 4), 2 + 0.9 * 4, 4.0, 99.0])
-    assert positive_value_loss(trajectory(rewards, True), values, 0.9) == pytest.approx(0, abs=1e-12)
-    assert positive_value_loss(trajectory(rewards, True), values - 1, 1.0) == pytest.approx(1.0)
-
-
 @pytest.mark.parametrize("terminated", [False, True])
 @pytest.mark.parametrize("gae_lambda", [0.0, 0.7, 1.0])
 def test_the_negative_advantage_is_its_formula_written_out(terminated: bool, gae_lambda: float) -> None:

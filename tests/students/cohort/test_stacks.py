@@ -51,9 +51,8 @@ def test_both_critics_of_a_pair_have_a_column_of_values():
 def test_gradients_by_the_inputs_are_autograds_where_rows_without_one_are_left_out():
     layout, generator = PaddedLayout.of(Layout((5, 20, 9, 1))), torch.Generator().manual_seed(0)
     pairs = torch.zeros(3, 2, layout.length, dtype=torch.float64)
-    pairs[..., layout.columns()] = torch.randn(
-        3, 2, layout.plain.parameters, generator=generator, dtype=torch.float64
-    )
+    shape = (3, 2, layout.plain.parameters)
+    pairs[..., layout.columns()] = torch.randn(*shape, generator=generator, dtype=torch.float64)
     inputs = torch.randn(3, 40, 5, generator=generator, dtype=torch.float64).requires_grad_()
     gradients = []
     for parameters in (pairs, pairs.clone().requires_grad_()):
