@@ -1,6 +1,7 @@
 """Mistakes in calls from Python: each is refused where it is made, in a sentence that names it."""
 
 import dataclasses
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -11,41 +12,23 @@ from api_mistakes import ACCEPTED, MISTAKES
 from pandas import Series
 
 import analysis
-import tma_ray.benchmark
-import tma_ray.campaign
-import tma_ray.envs
-import tma_ray.results
-import tma_ray.runs
-import tma_ray.students
-import tma_ray.tasks
-import tma_ray.teachers
-import tma_ray.testing
 from analysis import baselines, statistics
-from tma_ray.campaign import Campaign
+from tma_ray.campaign import Campaign, CampaignSpec, cells_of
 from tma_ray.campaign.settings import ExecutionConfig, Resources
 from tma_ray.embodiments import load_embodiment
+from tma_ray.envs import make_environment
 from tma_ray.export import export
 from tma_ray.runs import Cell, Placement, Schedule
 from tma_ray.students.rollout_workers import CohortSettings
 from tma_ray.tasks import Dimension, TaskSpace
-from tma_ray.testing import StudentParameters
+from tma_ray.testing import StudentParameters, find_simulated_challenge
 from tma_ray.viewing.play import PlaySettings
 from tma_ray.viewing.rendering import EpisodeSettings
 
 ROOT = Path(__file__).parents[1] / "notebooks" / "data" / "ppo-lite"
 
-MODULES = (
-    tma_ray.benchmark,
-    tma_ray.campaign,
-    tma_ray.envs,
-    tma_ray.results,
-    tma_ray.runs,
-    tma_ray.students,
-    tma_ray.tasks,
-    tma_ray.teachers,
-    tma_ray.testing,
-    statistics,
-)
+PACKAGES = ("benchmark", "campaign", "envs", "results", "runs", "students", "tasks", "teachers", "testing")
+MODULES = (*(import_module(f"tma_ray.{name}") for name in PACKAGES), statistics)
 
 CONFIGURATIONS = (
     *(Campaign, Cell, CohortSettings, Dimension, EpisodeSettings, Placement, PlaySettings, Resources),
@@ -59,10 +42,14 @@ OTHERS = (Resources, ExecutionConfig, load_embodiment, export, analysis, baselin
 def names(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """What the calls name: all that is public, and some of what it makes."""
     found = {name: getattr(module, name) for module in MODULES for name in module.__all__}
-    found |= {each.__name__.rpartition(".")[2]: each for each in OTHERS} | {"np": np, "gym": gym}
+    found |= {each.__name__.rpartition(".")[2]: each for each in OTHERS} | {
+        "np": np,
+        "gym": gym,
+        "nan": np.nan,
+    }
     frames = analysis.load(ROOT)
     runs = analysis.runs_after(frames)
-    dimensions = tma_ray.tasks.Dimension("a", 0, 1), tma_ray.tasks.Dimension("b", 0, 2)
+    dimensions = Dimension("a", 0, 1), Dimension("b", 0, 2)
     return found | {
         "F": frames,
         "R": runs,
@@ -70,15 +57,15 @@ def names(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
         "P": analysis.pooled(runs),
         "T": analysis.pairwise(runs, "mastered_percent"),
         "curves": analysis.evaluation_curves(frames),
-        "simulated": tma_ray.testing.find_simulated_challenge("original"),
+        "simulated": find_simulated_challenge("original"),
         "seeds": np.random.SeedSequence(0),
-        "plan": lambda cells: tma_ray.campaign.CampaignSpec("x", cells).plan(),
+        "plan": lambda cells: CampaignSpec("x", cells).plan(),
         "ROOT": str(ROOT),
         "tmp": tmp_path_factory.mktemp("api"),
-        "space": tma_ray.tasks.TaskSpace(dimensions),
+        "space": TaskSpace(dimensions),
         "rng": np.random.default_rng(0),
-        "cells": tma_ray.campaign.cells_of(("random",)),
-        "env": lambda: tma_ray.envs.make_environment("stump_tracks"),
+        "cells": cells_of(("random",)),
+        "env": lambda: make_environment("stump_tracks"),
         "box": gym.spaces.Box(-1, 1, (3,), np.float32),
     }
 

@@ -256,41 +256,32 @@ if find_spec("tianshou"):
         assert len(curriculum.episodes) == 2
 
 
+def rllib_ppo(world: str, **runners: object):
+    from ray.rllib.algorithms.ppo import PPOConfig
+
+    config = PPOConfig().environment(world).env_runners(num_envs_per_env_runner=2, **runners)
+    return config.training(train_batch_size_per_learner=100, minibatch_size=50, num_epochs=1).build_algo()
+
+
 if find_spec("tree"):  # of RLlib's requirements, the one that nothing else has
 
     @pytest.mark.slow
     def test_rllib_trains_in_our_vector_environments() -> None:
-        from ray.rllib.algorithms.ppo import PPOConfig
-
-        config = (
-            PPOConfig()
-            .environment("tma_ray:tma_ray/StumpTracks-v0")
-            .env_runners(
-                num_env_runners=0, num_envs_per_env_runner=2, gym_env_vectorize_mode="vector_entry_point"
-            )
-            .training(train_batch_size_per_learner=100, minibatch_size=50, num_epochs=1)
-        )
-        algorithm = config.build_algo()
+        entry = {"num_env_runners": 0, "gym_env_vectorize_mode": "vector_entry_point"}
+        algorithm = rllib_ppo("tma_ray:tma_ray/StumpTracks-v0", **entry)
         assert algorithm.train()["num_env_steps_sampled_lifetime"] >= 100
         algorithm.stop()
 
     @pytest.mark.slow
     def test_the_runners_of_rllib_share_a_teacher() -> None:
         import ray
-        from ray.rllib.algorithms.ppo import PPOConfig
         from ray.tune.registry import register_env
 
         curriculum = Curriculum("random", make_environment("stump_tracks"), mastery_return=230)
         handle = curriculum.shared()
         world = {"id": "tma_ray:tma_ray/StumpTracks-v0", "max_episode_steps": 20}
         register_env("taught", lambda config: handle.wrap(gymnasium.make(**world)))
-        config = (
-            PPOConfig()
-            .environment("taught")
-            .env_runners(num_env_runners=1, num_envs_per_env_runner=2)
-            .training(train_batch_size_per_learner=100, minibatch_size=50, num_epochs=1)
-        )
-        algorithm = config.build_algo()
+        algorithm = rllib_ppo("taught", num_env_runners=1)
         algorithm.train()
         algorithm.stop()
         ray.shutdown()

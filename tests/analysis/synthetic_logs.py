@@ -100,11 +100,9 @@ EMPTY: Update = {"gaussians": [], "boxes": [], "scalars": []}
 
 KINDS: dict[str, Callable[..., Update] | None] = {
     "random": None,
-    "alp_gmm": _mixture,
-    "covar_gmm": _mixture,
+    **dict.fromkeys(("alp_gmm", "covar_gmm"), _mixture),
     "spdl": _gaussian,
     "adr": _box,
     "riac": _regions,
-    "goal_gan": _losses,
-    "setter_solver": _losses,
+    **dict.fromkeys(("goal_gan", "setter_solver"), _losses),
 }

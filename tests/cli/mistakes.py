@@ -86,8 +86,7 @@ BY_OPTION: Mapping[str, Sequence[str]] = {
     "test_set": ("~nosuchuser/x.csv", "nothing_like_it", "{empty}", "{file}", "{loop}", "nul\0", LONG),
     "name": ("no name", "a/b", "..", LONG),
     "only": ("nothing_like_it", LONG),
-    "root": NO_RESULTS,
-    "start_from": NO_RESULTS,
+    **dict.fromkeys(("root", "start_from"), NO_RESULTS),
     "results": ("{foreign}",),
     "core": ("nothing_like_it",),
 }
@@ -105,17 +104,15 @@ SMALL: Mapping[str, Sequence[str]] = {
     "simulate": ("--teachers", "random", "--challenges", "original", "--episodes", "2", "--seeds", "1"),
     "render": ("--steps", "2"),
     "play": ("--output", "{new}.html"),
-    "logs": ("--results", "{root}"),
-    "export": ("--results", "{root}"),
+    **dict.fromkeys(("logs", "export"), ("--results", "{root}")),
     "release": ("--partial",),
 }
 """Options by command that limit its work or name its inputs."""
 
 VALID: Mapping[str, str] = {
     "ROOT": "{root}",
-    "RUN": "{run}",
+    **dict.fromkeys(("RUN", "POLICY"), "{run}"),
     "EXPERIMENT": "parkour",
-    "POLICY": "{run}",
     "BASELINE": "paper-2021",
     "NAME": "random",
     "FOLDER": "{new}",

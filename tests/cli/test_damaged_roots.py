@@ -38,12 +38,10 @@ IN_PLACE: dict[str, Callable[[Path], object]] = {
 
 COMMANDS = {
     "verify": (1, ()),
-    "status": (0, ()),
-    "ranking": (0, ()),
+    **dict.fromkeys(("status", "ranking", "compact"), (0, ())),
     "report": (0, ("-o", "page")),
     "compare": (0, ("--baseline", "paper-2021", "-o", "page")),
     "release": (2, ("released",)),
-    "compact": (0, ()),
 }
 """Exit code on a damaged root, and what follows the root."""
 

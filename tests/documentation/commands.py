@@ -23,10 +23,8 @@ from tma_ray.console.command_line import read
 TINY = ["--steps", "300", "--evaluation-interval", "300", "--test-set", "one.csv"]
 
 SMALL: dict[str, list[str]] = {
-    "campaign": ["--dry-run"],
+    **{name: ["--dry-run"] for name in ("campaign", "quickstart", "rerun")},
     "experiment": ["--dry-run", "--seeds", "1"],
-    "quickstart": ["--dry-run"],
-    "rerun": ["--dry-run"],
     "run": TINY,
     "simulate": ["--episodes", "20", "--seeds", "1", "--challenges", "original", "--jobs", "1"],
     "render": ["--steps", "3"],

@@ -11,8 +11,8 @@ from tma_ray.testing import TeacherConformance
 from tma_ray.testing.scenarios import SCENARIOS
 
 TINY: dict[str, dict[str, Any]] = {
-    "alp_gmm": {"most_components": 3},
-    "covar_gmm": {"most_components": 3},
+    **{name: {"most_components": 3} for name in ("alp_gmm", "covar_gmm")},
+    **{name: {"buffer_size": 30} for name in ("accel", "plr", "robust_plr", "traced")},
     "goal_gan": {"pretraining_iterations": 10, "iterations_per_task": 0.1},
     "setter_solver": {"hidden_units": 4},
     "sfl": {"refresh_every": 100, "candidates": 20},
@@ -22,10 +22,6 @@ TINY: dict[str, dict[str, Any]] = {
     "perm": {"window_episodes": 50, "bumps": 10},
     "procurl_target": {"first_update": 40_000, "update_every": 80_000, "pool_size": 50},
     "spgl": {"first_update": 40_000, "update_every": 40_000},
-    "traced": {"buffer_size": 30},
-    "accel": {"buffer_size": 30},
-    "plr": {"buffer_size": 30},
-    "robust_plr": {"buffer_size": 30},
 }
 """Where the defaults take longest."""
 
