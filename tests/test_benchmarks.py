@@ -74,9 +74,7 @@ def test_every_script_is_run_here() -> None:
 
 
 @pytest.mark.parametrize("name", sorted(SCRIPTS))
-def test_the_help_names_the_script(
-    name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_help_names_the_script(name, monkeypatch, capsys):
     script = str(FOLDER / f"{name}.py")
     monkeypatch.syspath_prepend(str(FOLDER))
     for shared in SHARED:

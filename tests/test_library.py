@@ -57,9 +57,7 @@ if find_spec("optuna"):  # no requirement of the project, so that without it the
         (1, 1, KeyboardInterrupt, "1 of 3 runs are done; the same call continues"),
     ],
 )
-def test_a_campaign_returns_its_outcome_or_raises(
-    done: int, failed: int, error: type[BaseException] | None, message: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_campaign_returns_its_outcome_or_raises(done, failed, error, message, monkeypatch):
     ended, asked = Snapshot(3, done, failed, 0, 0, 0, 0, []), []
 
     def execute_plan(plan, *arguments) -> Snapshot:

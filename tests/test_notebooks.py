@@ -43,9 +43,8 @@ def test_the_notebook_runs_and_draws(name: str, tmp_path: Path, monkeypatch: pyt
     copy = shutil.copytree(NOTEBOOKS, tmp_path / "notebooks")
     before = {path for path in copy.rglob("*") if path.is_file()}
     notebook = read(name)
-    client = NotebookClient(
-        notebook, timeout=300, kernel_manager_class=ThisPython, resources={"metadata": {"path": str(copy)}}
-    )
+    place = {"metadata": {"path": str(copy)}}
+    client = NotebookClient(notebook, timeout=300, kernel_manager_class=ThisPython, resources=place)
     client.execute()  # raises what a cell raises
     data = [output["data"] for output in outputs(notebook) if "data" in output]
     assert sum("image/png" in each or "image/gif" in each for each in data) == PICTURES[name]

@@ -1,7 +1,5 @@
 """The rules of the pilot, on curves whose areas are known."""
 
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -57,17 +55,13 @@ def compared(ends: dict[str, tuple[float, float]], spread: float) -> pd.DataFram
         ({"ppo:epochs=6": (20, 30), "ppo:epochs=7": (22, 32)}, "ppo:epochs=7"),  # as much: it learns more
     ],
 )
-def test_the_student_is_the_one_under_which_teachers_differ(
-    ends: dict[str, tuple[float, float]], winner: str
-) -> None:
+def test_the_student_is_the_one_under_which_teachers_differ(ends, winner):
     found = compared(ends, spread=2)
     assert set(pilot.finalists(found)) == set(ends)
     assert pilot.student_of_choice(found) == winner
 
 
-def test_a_student_of_half_the_cost_trains_for_twice_the_steps(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_a_student_of_half_the_cost_trains_for_twice_the_steps(monkeypatch, tmp_path):
     monkeypatch.setattr(pilot, "MEASURED", tmp_path)
     ratios = {"ppo:epochs=6": 0.55, "ppo:epochs=7": 1.1, "ppo:epochs=8": 0.3}
     costs = pd.DataFrame({"student": ratios.keys(), "ratio": ratios.values()})
@@ -76,9 +70,7 @@ def test_a_student_of_half_the_cost_trains_for_twice_the_steps(
     assert pilot.steps_of(pilot.ROLLOUTS[2]) == pilot.STEPS
 
 
-def test_runs_of_an_earlier_machine_are_kept_and_not_run_again(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_runs_of_an_earlier_machine_are_kept_and_not_run_again(monkeypatch, tmp_path):
     csv = tmp_path / "pilot.csv"
     first, second, half = (line(10 * seed, seed=seed) for seed in (1, 2, 3))
     for root, runs in (("one", [first]), ("other", [second, half.iloc[:-1]])):
@@ -88,9 +80,7 @@ def test_runs_of_an_earlier_machine_are_kept_and_not_run_again(
     assert len(found) == len(first) + len(second)
 
 
-def test_runs_under_the_settings_of_a_later_preset_are_not_run_again(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_runs_under_the_settings_of_a_later_preset_are_not_run_again(monkeypatch, tmp_path):
     before = "ppo:batch_size=500:gamma=0.995:steps_per_update=20000"
     monkeypatch.setattr(pilot, "evaluations", lambda _: line(10, before))
     found = pilot.written("root", tmp_path / "pilot.csv")

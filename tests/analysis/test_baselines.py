@@ -179,9 +179,7 @@ def test_a_name_that_is_no_folders_is_refused(root: Path, tmp_path: Path, name: 
         release(root, name, tmp_path)
 
 
-def test_nothing_is_overwritten_and_nothing_is_left_of_a_failure(
-    root: Path, released: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_nothing_is_overwritten_and_nothing_is_left_of_a_failure(root, released, tmp_path, monkeypatch):
     with pytest.raises(BaselineError, match="never overwritten"):
         release(root, released.name, released.parent)
     with pytest.raises(ResultsRootError, match="a results root"):
@@ -254,9 +252,7 @@ def test_baselines_are_found_by_name(released: Path, tmp_path: Path, monkeypatch
         ({"partial": "later has 0 of 56 runs", "done": {"core": 70, "later": 0}}, True),
     ],
 )
-def test_the_newest_release_is_one_whose_core_is_whole(
-    gaps: dict[str, Any], whole: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_newest_release_is_one_whose_core_is_whole(gaps, whole, tmp_path, monkeypatch):
     manifest = replace(find_baseline("lite-1").manifest, name="later-1", created="2999-01-01")
     manifest = replace(manifest, core=("core",), planned={"core": 70, "later": 56})
     monkeypatch.setenv(BASELINES_VARIABLE, str(tmp_path))
@@ -264,9 +260,7 @@ def test_the_newest_release_is_one_whose_core_is_whole(
     assert (newest_release().manifest.name == "later-1") is whole
 
 
-def test_two_baselines_of_one_name_are_told_apart_by_their_places(
-    root: Path, released: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_two_baselines_of_one_name_are_told_apart_by_their_places(root, released, tmp_path, monkeypatch):
     other = Path(shutil.copytree(released, tmp_path / "other"))
     monkeypatch.setenv(BASELINES_VARIABLE, os.pathsep.join([str(released), str(other)]))
     with pytest.raises(BaselineError, match="2 baselines are called"):
@@ -281,9 +275,7 @@ def test_a_results_root_is_no_baseline(root: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_release_in_a_bucket_is_found_verified_and_loads_the_same(
-    root: Path, released: Path, s3_root: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_release_in_a_bucket_is_found_verified_and_loads_the_same(root, released, s3_root, monkeypatch):
     source, target = Store.open(released), Store.open(f"{s3_root}/mine-1.0")
     for path in source.files():
         target.write_bytes(path, source.read_bytes(path))

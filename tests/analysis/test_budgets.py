@@ -42,9 +42,7 @@ def measured(curve: pd.DataFrame, budget: int) -> tuple[float, float]:
     return float(area), float(mastered[-3:].mean())
 
 
-def test_every_budget_is_that_of_runs_which_end_there(
-    frames: Frames, curves: Mapping[str, pd.DataFrame], comparison: BudgetComparison
-) -> None:
+def test_every_budget_is_that_of_runs_which_end_there(frames, curves, comparison):
     cells = frames.cells[(frames.cells["expert_knowledge"] == "high") & (frames.cells["teacher"] == "riac")]
     for budget in BUDGETS:
         by_challenge = [
@@ -56,9 +54,7 @@ def test_every_budget_is_that_of_runs_which_end_there(
         assert comparison.means.loc["riac", (FINAL, budget)] == pytest.approx(last_three)
 
 
-def test_agreement_is_that_of_the_runs_of_each_challenge(
-    frames: Frames, curves: Mapping[str, pd.DataFrame], comparison: BudgetComparison
-) -> None:
+def test_agreement_is_that_of_the_runs_of_each_challenge(frames, curves, comparison):
     cells = frames.cells[frames.cells["expert_knowledge"] == "high"]
 
     def pair(curve: pd.DataFrame) -> tuple[float, float]:

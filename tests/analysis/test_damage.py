@@ -225,9 +225,8 @@ def test_tables_about_runs_are_named_and_made_anew(small: Path, tmp_path: Path) 
     damaged = [*root.glob("tables/attempts/*"), *root.glob("tables/cells/*")]
     for path in damaged:
         path.write_bytes(path.read_bytes()[:100])
-    (_, frames, attempts), text = messages_of(
-        lambda: (overview(root, time.time()), load(root), load(root).attempts)
-    )
+    now = time.time()
+    (_, frames, attempts), text = messages_of(lambda: (overview(root, now), load(root), load(root).attempts))
     assert attempts.empty
     assert frames.evaluations["run_id"].nunique() == 2
     assert not [path for path in damaged if path.name not in text]

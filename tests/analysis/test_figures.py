@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 from matplotlib.figure import Figure
 from PIL import Image
 from synthetic_results import SyntheticCampaign
-from views import Told
 
 from analysis.charts.base import END
 from analysis.charts.paper.style import Vector, png, save, svg
@@ -228,9 +227,7 @@ def test_a_campaign_gives_curves_maps_films_and_says_what_is_missing(tmp_path: P
 
 
 @pytest.mark.slow
-def test_only_some_are_drawn_if_asked(
-    tmp_path: Path, told: Told, campaign: SyntheticCampaign, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_only_some_are_drawn_if_asked(tmp_path, told, campaign, capsys):
     output = tmp_path / "figures"
     for only, name in (("radar", "radar"), ("parkour", "bars-parkour")):
         files = told(0, "figures", "paper-2021", "-o", output, "--only", only).split()

@@ -220,9 +220,7 @@ def test_shards_are_merged_by_packing_the_release_anew(grown: Path, more: Path) 
     pd.testing.assert_frame_equal(load(merged).evaluations, load(grown).evaluations, check_exact=True)
 
 
-def test_the_command_adds_shards(
-    first: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told: Told
-) -> None:
+def test_the_command_adds_shards(first, tmp_path, monkeypatch, told):
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv(BASELINES_VARIABLE, raising=False)
     said = ["--core", "batch", "--gaps", "Parkour has not begun."]

@@ -206,9 +206,7 @@ def test_texts_and_categories_become_objects(dtype: object) -> None:
 
 @pytest.mark.filterwarnings("ignore:The 'future.infer_string' option is deprecated")
 @pytest.mark.parametrize("inferred", [True, False])
-def test_results_are_read_with_and_without_inferred_texts(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], inferred: bool
-) -> None:
+def test_results_are_read_with_and_without_inferred_texts(tmp_path, capsys, inferred):
     """Without them, pandas 3 reads texts as pandas 2 does."""
     campaign = SyntheticCampaign(tmp_path, **SMALL)
     for teacher in ("random", "alp_gmm"):

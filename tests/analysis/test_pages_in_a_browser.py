@@ -3,7 +3,6 @@
 import itertools
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Literal
 
 import pytest
 from playwright.sync_api import Browser, FloatRect, Page, expect
@@ -341,9 +340,7 @@ CONTRAST = """() => {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_random_is_told_from_the_page_at_night_too(
-    scheme: Literal["light", "dark"], reader: Reader, small_report: Path
-) -> None:
+def test_random_is_told_from_the_page_at_night_too(scheme, reader, small_report):
     reader.page.emulate_media(color_scheme=scheme)
     reader.open(small_report)
     contrasts = reader.page.evaluate(CONTRAST)

@@ -97,9 +97,7 @@ def unpainted(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("link", ["report", "report/index.html", "report/latex"])
-def test_no_page_is_written_through_a_link_in_a_root(
-    campaign: SyntheticCampaign, tmp_path: Path, unpainted: None, link: str
-) -> None:
+def test_no_page_is_written_through_a_link_in_a_root(campaign, tmp_path, unpainted, link):
     root, outside = campaign.root, tmp_path / "outside"
     campaign.seeds("random", [1])
     outside.mkdir()
@@ -237,9 +235,7 @@ NOBODY = "No teacher does better than Random. Worse than Random: ADR."
     ],
     ids=["one teacher", "nothing mastered", "none better"],
 )
-def test_what_is_said_of_teachers_that_are_not_better(
-    random: list[int], adr: list[int], words: list[str], campaign: SyntheticCampaign
-) -> None:
+def test_what_is_said_of_teachers_that_are_not_better(random, adr, words, campaign):
     campaign.seeds("random", random)
     campaign.seeds("adr", adr)
     page = report(campaign.root)

@@ -7,7 +7,6 @@ from typing import Any
 import pandas as pd
 import pytest
 from synthetic_results import BOX2D_RUN, SyntheticCampaign
-from views import Told
 
 from analysis.baselines import Baseline, BaselineError, release
 from analysis.baselines import release as pack
@@ -102,9 +101,7 @@ SLOWER = [pytest.param(name, marks=pytest.mark.slow) for name in ("claims", "tab
 
 
 @pytest.mark.parametrize("command", ["ranking", *SLOWER])
-def test_every_command_takes_several_roots_and_baselines(
-    command: str, roots: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told: Told
-) -> None:
+def test_every_command_takes_several_roots_and_baselines(command, roots, tmp_path, monkeypatch, told):
     mine, theirs = roots
     monkeypatch.setenv("TMA_BASELINES", str(theirs))
     output = [] if command in ("ranking", "claims") else ["--output", tmp_path]
@@ -121,9 +118,7 @@ def test_published_means_have_no_runs_to_pool(roots: tuple[Path, Path]) -> None:
 
 
 @pytest.mark.parametrize("command", ["ranking {}", "report {}", "compare lite-1 --baseline {}", "verify {}"])
-def test_a_misspelt_name_gets_the_nearest_one(
-    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told: Told
-) -> None:
+def test_a_misspelt_name_gets_the_nearest_one(command, tmp_path, monkeypatch, told):
     monkeypatch.chdir(tmp_path)
     said = told(2, *command.format("paper-2020").split())
     assert "'paper-2020' is not a results root, nor the name of a baseline: did you mean 'paper-2021'" in said

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from synthetic_results import SyntheticCampaign
-from views import Told
 
 from analysis.tracking import points
 from analysis.tracking.event_folder import EventFolder
@@ -225,9 +224,7 @@ def test_following_an_interrupted_run_doubles_nothing(campaign: SyntheticCampaig
     assert scalars(folder) == {NAME: expected([10, 20, 30])}
 
 
-def test_watching_looks_again_until_it_is_stopped(
-    campaign: SyntheticCampaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told: Told
-) -> None:
+def test_watching_looks_again_until_it_is_stopped(campaign, tmp_path, monkeypatch, told):
     run, folder = Growing(campaign), tmp_path / "events"
     steps = iter([10, None, 20])
 
@@ -263,9 +260,7 @@ def test_names_from_a_root_stay_in_the_folder(tmp_path: Path) -> None:
     assert name == "up/alp_gmm/mine_Own-etc-spider_legs=3-low/seed_0-r"
 
 
-def test_what_cannot_be_done_is_refused_before_anything_is_written(
-    campaign: SyntheticCampaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told: Told
-) -> None:
+def test_what_cannot_be_done_is_refused_before_anything_is_written(campaign, tmp_path, monkeypatch, told):
     (tmp_path / "file").touch()
     for root, folder, message in (
         (tmp_path / "nowhere", tmp_path / "events", "a results root"),

@@ -47,9 +47,7 @@ def hostile(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("command", ["ranking", "status --cells"])
-def test_names_are_printed_as_they_are(
-    hostile: Path, command: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_names_are_printed_as_they_are(hostile, command, capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "200")
     main([*command.split(), str(hostile)])
     assert NAME in capsys.readouterr().out
@@ -66,9 +64,7 @@ def test_names_are_printed_as_they_are(
         "release {root} mine -o {new} --partial",
     ],
 )
-def test_nothing_that_a_terminal_would_obey_is_printed(
-    hostile: Path, command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_nothing_that_a_terminal_would_obey_is_printed(hostile, command, tmp_path, capsys):
     words = [word.format(root=hostile, new=tmp_path / "new") for word in command.split()]
     main(words)
     shown = "".join(capsys.readouterr())

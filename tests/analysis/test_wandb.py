@@ -12,7 +12,6 @@ from typing import Any
 import pytest
 from synthetic_results import SyntheticCampaign
 from test_tensorboard import Growing, expected
-from views import Told
 
 from tma_ray.cli import main
 
@@ -115,9 +114,7 @@ def test_another_project_gets_all_of_it(campaign: SyntheticCampaign, tmp_path: P
     assert found["series"]["training/mean_return"] == [(10, 1.0), (10, 1.0)]
 
 
-def test_what_cannot_be_done_is_refused(
-    campaign: SyntheticCampaign, tmp_path: Path, told: Told, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_cannot_be_done_is_refused(campaign, tmp_path, told, monkeypatch):
     folder = tmp_path / "wandb"
     assert "a results root" in told(2, "wandb", tmp_path / "nowhere", "--folder", folder)
     monkeypatch.setitem(sys.modules, "wandb", None)

@@ -27,14 +27,12 @@ def figure_of(plot: Plot) -> go.Figure:
 
 
 def printed(show: Callable[..., object], *given: object, width: int = 200, **options: object) -> str:
-    """Return the output of a command on a console of a given width."""
     console = Console(width=width, record=True)
     show(*given, **options, console=console)
     return console.export_text()
 
 
 def unpacked(page: str) -> str:
-    """Return a page with its compressed scripts unpacked."""
     script = r'(<script type="application/gzip"[^>]*>)([^<]*)</script>'
     plain = lambda found: gzip.decompress(base64.b64decode(found[2])).decode()  # noqa: E731
     return re.sub(script, lambda found: f"{found[1]}{plain(found)}</script>", page)

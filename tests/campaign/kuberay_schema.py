@@ -14,13 +14,11 @@ TEXTS = {"type": "object", "additionalProperties": TEXT}
 
 
 def record(required: str = "", /, **fields: Any) -> dict[str, Any]:
-    """Return the schema of an object with the given fields and no others."""
     options = {"required": required.split(), "additionalProperties": False}
     return {"type": "object", "properties": fields, **options}
 
 
 def one_of(*values: str) -> dict[str, Any]:
-    """Return the schema of a choice between values."""
     return {"enum": list(values)}
 
 

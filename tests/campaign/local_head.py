@@ -42,9 +42,8 @@ def local_head(*options: str, dashboard: bool = False) -> Iterator[Head]:
             *(f"--{name}={port}" for name, port in zip(PORTS, ports, strict=True)),
             *(f"--include-dashboard={str(dashboard).lower()}", *options),
         ]
-        process = subprocess.Popen(
-            command, cwd=folder, env=environment, stdout=subprocess.PIPE, text=True, start_new_session=True
-        )
+        options = {"env": environment, "start_new_session": True}
+        process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, text=True, **options)
         try:
             assert process.stdout is not None
             assert any("Ray runtime started" in line for line in process.stdout), "no head node"
@@ -55,7 +54,6 @@ def local_head(*options: str, dashboard: bool = False) -> Iterator[Head]:
 
 
 def free_ports(count: int) -> list[int]:
-    """Return ports that are free at the moment."""
     with ExitStack() as stack:
         sockets = [stack.enter_context(socket.socket()) for _ in range(count)]
         for each in sockets:

@@ -158,9 +158,7 @@ def test_a_stopped_campaign_leaves_checkpoints_and_continues(tmp_path: Path) -> 
         ({"resources": Resources(memory_gib=10_000)}, "10000 GiB"),
     ],
 )
-def test_impossible_resources_are_refused_before_anything_starts(
-    tmp_path: Path, changes: dict[str, Any], message: str
-) -> None:
+def test_impossible_resources_are_refused_before_anything_starts(tmp_path, changes, message):
     with pytest.raises(ValueError, match=message):
         execute(campaign(corridor("random")), tmp_path / "root", **changes)
     assert not (tmp_path / "root").exists()

@@ -80,9 +80,7 @@ def test_students_of_several_kinds_share_a_learner_wherever_their_teachers_are(t
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("cluster")
-def test_without_memory_a_smaller_width_is_tried_and_said(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_without_memory_a_smaller_width_is_tried_and_said(tmp_path, monkeypatch, caplog):
     def cramped(*arguments: Any) -> Cohorts:
         return Cohorts(*arguments, learner_type=CrampedLearner)
 

@@ -73,9 +73,7 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
         ((signal.SIGKILL,), -signal.SIGKILL),
     ],
 )
-def test_stopped_by_a_signal_and_continued(
-    tmp_path: Path, undisturbed: dict[str, bytes], numbers: tuple[signal.Signals, ...], code: int
-) -> None:
+def test_stopped_by_a_signal_and_continued(tmp_path, undisturbed, numbers, code):
     process = start(tmp_path / "stopped")
     wait_for_a_checkpoint(tmp_path / "stopped", process)
     family = psutil.Process(process.pid).children(recursive=True)

@@ -77,9 +77,8 @@ def test_runs_wait_for_nodes_only_where_some_will_come(tmp_path: Path) -> None:
         assert "give '--autoscaling' if the cluster adds them by itself" in refused.stderr
         assert not (tmp_path / "root").exists()
 
-        campaign = subprocess.Popen(
-            [*command, "--autoscaling"], cwd=ROOT, env=head.environment, stdout=subprocess.PIPE, text=True
-        )
+        place = {"cwd": ROOT, "env": head.environment}
+        campaign = subprocess.Popen([*command, "--autoscaling"], stdout=subprocess.PIPE, text=True, **place)
         assert campaign.stdout is not None
         assert any("0/2 runs done, 2 waiting" in line for line in campaign.stdout)
         node = subprocess.Popen(

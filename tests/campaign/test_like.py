@@ -96,9 +96,7 @@ def test_a_release_of_other_physics_is_refused(tmp_path: Path) -> None:
         like_plan("mine", results, ["riac"])
 
 
-def test_the_command_says_the_cost_and_refuses_what_the_release_decides(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_says_the_cost_and_refuses_what_the_release_decides(tmp_path, monkeypatch, capsys):
     measured = Throughput("measured", 1_000, 50_000, 100)  # stands for a measurement of seconds
     monkeypatch.setattr(costs, "known_speeds", lambda kinds, *_: dict.fromkeys(kinds, measured))
     monkeypatch.chdir(tmp_path)

@@ -50,9 +50,8 @@ def test_seeds_that_are_none_are_refused(text: str) -> None:
 def test_a_plan_counts_cells_and_runs() -> None:
     plan = chosen("--expert-knowledge", "none,low", "--steps", "1000").plan()
     assert (len(plan.cell_rows), len(plan.runs), plan.steps) == (8, 4, 4000)
-    assert plan.describe().startswith(
-        "campaign 'small': 4 cells x 2 seeds = 4 runs (4 more cells share them)"
-    )
+    sizes = "4 cells x 2 seeds = 4 runs (4 more cells share them)"
+    assert plan.describe().startswith(f"campaign 'small': {sizes}")
 
 
 def test_refusals_leave_no_files_and_exit_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -93,9 +92,7 @@ def test_a_campaign_of_nothing_is_refused() -> None:
         Campaign("../elsewhere", cells_of(("random",)))
 
 
-def test_the_doctor_says_which_engine_simulates(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_doctor_says_which_engine_simulates(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "500")
     assert main(["doctor"]) == 0
     shown = capsys.readouterr().out
@@ -144,9 +141,7 @@ def test_a_device_and_a_share_of_a_gpu_belong_together() -> None:
         (["--address", "127.0.0.1:{free}"], "nothing listens there"),
     ],
 )
-def test_a_campaign_that_cannot_start_says_what_to_change(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], flags: list[str], message: str
-) -> None:
+def test_a_campaign_that_cannot_start_says_what_to_change(tmp_path, capsys, flags, message):
     with socket.socket() as bound:
         bound.bind(("127.0.0.1", 0))  # bound, but not listening: nobody can answer there
         flags = [flag.format(free=bound.getsockname()[1]) for flag in flags]

@@ -208,9 +208,7 @@ def test_what_cannot_run_is_refused(arguments: list[str], message: str) -> None:
         planned(*arguments)
 
 
-def test_a_dry_run_says_size_and_cost_and_starts_nothing(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_dry_run_says_size_and_cost_and_starts_nothing(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(sys, "path", list(sys.path))
     monkeypatch.setattr(costs, "machine_speed", lambda _: costs.REFERENCE_ROUNDS)
     root = tmp_path / "root"

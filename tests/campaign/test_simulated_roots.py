@@ -136,9 +136,7 @@ def test_it_can_be_released_and_is_complete(root: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_command_writes_a_root_that_can_be_compared(
-    root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_writes_a_root_that_can_be_compared(root, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "middle.py").write_text(
         "from tma_ray.teachers import Teacher\n\n\n"

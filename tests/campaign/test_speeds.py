@@ -92,9 +92,7 @@ def test_a_kind_of_run_that_fails_says_why() -> None:
         (16_000.0, 2, 0.625, "bound by the players' cores; the learner would take 10% of that time"),
     ],
 )
-def test_a_cohort_is_bound_by_its_learner_or_by_its_players_cores(
-    monkeypatch: pytest.MonkeyPatch, learner: float, cores: int, hours: float, bound: str
-) -> None:
+def test_a_cohort_is_bound_by_its_learner_or_by_its_players_cores(monkeypatch, learner, cores, hours, bound):
     """Four runs of 900,000 steps: 900 s each of a learner at 1,000 steps/s, 562.5 s each of a player's core.
 
     The core's seconds: 8 for the start, 450 of training, 104.5 for two evaluations of 100 tasks.
@@ -103,9 +101,8 @@ def test_a_cohort_is_bound_by_its_learner_or_by_its_players_cores(
     schedule = Schedule(steps=900_000, evaluation_interval=900_000)
     plan = Campaign("shared", cells_of(("random",), ("ppo",)), (0, 1, 2, 3), schedule).plan()
     each = Throughput("ppo", 2_000, 200_000 / 104.5, 100, learner=learner)
-    cost = estimate(
-        plan, ExecutionConfig(device="cuda"), find_speeds=lambda kinds, *_: dict.fromkeys(kinds, each)
-    )
+    on_gpu = ExecutionConfig(device="cuda")
+    cost = estimate(plan, on_gpu, find_speeds=lambda kinds, *_: dict.fromkeys(kinds, each))
     assert cost.wall_hours == pytest.approx(hours)
     assert cost.gpu_hours == pytest.approx(cost.wall_hours)
     assert bound in cost.summary()

@@ -81,9 +81,7 @@ def test_the_next_look_begins_only_if_the_trial_goes_on(looks: Looks) -> None:
     assert looks(None, [True]) == [6]
 
 
-def test_a_look_that_does_not_fit_into_the_budget_does_not_begin(
-    looks: Looks, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_look_that_does_not_fit_into_the_budget_does_not_begin(looks, capsys):
     assert looks(0.2, []) == []
     assert "another --budget continues" in capsys.readouterr().out
     assert looks(100.0, [False, False]) == [6, 10]
@@ -116,9 +114,7 @@ def planned(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (("sobol", "--cells", "mostly_trivial"), "cells"),
     ],
 )
-def test_another_design_is_another_trial(
-    planned: Path, changes: tuple[str, ...], named: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_another_design_is_another_trial(planned, changes, named, capsys):
     before = (planned / "trial.json").read_bytes()
     assert main(["trial", *changes, "--simulated", "--results", str(planned)]) == 2
     assert named in capsys.readouterr().err
@@ -135,9 +131,7 @@ def test_the_plan_is_told_before_it_is_spent(tmp_path: Path, capsys: pytest.Capt
     assert not folder.exists()
 
 
-def test_a_teacher_whose_limits_are_exceeded_is_refused_before_anything_is_written(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_teacher_whose_limits_are_exceeded_is_refused_before_it_writes(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(TEACHERS.get("sobol"), "most_dimensions", 1)
     folder = tmp_path / "results"
     for where in (["--simulated", "--cells", "original"], ["--cells", "original", "--yes", "--local"]):

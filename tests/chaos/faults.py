@@ -76,7 +76,6 @@ class Site:
             (self.requests / request).touch()
 
     def withdraw(self, *requests: str) -> None:
-        """Withdraw requests of lasting faults."""
         for request in requests:
             (self.requests / request).unlink()
 
@@ -218,7 +217,6 @@ def undisturbed_files(
 
 
 def table(faults: Sequence[Fault]) -> str:
-    """Return a table of faults and their losses."""
     lines = ["| fault | injected | rows lost | bytes different | recovery, s |", "|---|---|---|---|---|"]
     for fault in faults:
         known = [f"{value:.1f}" for value in fault.recovery_seconds if not math.isnan(value)]

@@ -7,18 +7,15 @@ from pathlib import Path
 import damage
 import pytest
 from attack import INJECTIONS, SEED, attack, merged
-from faults import Check, Site
+from faults import Site
 from interrupts import AS_EXPECTED, tries
 from kinds import KINDS
-from nodes import Nodes
 
 pytestmark = pytest.mark.chaos
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_no_row_and_no_byte_is_lost(
-    kind: str, tmp_path: Path, environment: dict[str, str], nodes: Nodes, check: Check
-) -> None:
+def test_no_row_and_no_byte_is_lost(kind, tmp_path, environment, nodes, check):
     chance, site = random.Random(f"{SEED} {kind}"), Site(tmp_path, environment, nodes.address)
     check(merged(list(attack(kind, INJECTIONS, chance, site, nodes))))
 

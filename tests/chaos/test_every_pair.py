@@ -8,7 +8,7 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 import pytest
-from faults import Check, Fault
+from faults import Fault
 from small_runs import STUDENTS, data_files, run, small_spec
 
 from tma_ray.results import Committer, RunStatus
@@ -92,7 +92,5 @@ def disturb(processes: ForkServerContext, folder: Path, student: str, teacher: s
 @pytest.mark.chaos
 @pytest.mark.parametrize("student", STUDENTS)
 @pytest.mark.parametrize("teacher", PAIRED)
-def test_every_pair_killed_at_any_instant(
-    processes: ForkServerContext, tmp_path: Path, check: Check, student: str, teacher: str
-) -> None:
+def test_every_pair_killed_at_any_instant(processes, tmp_path, check, student, teacher):
     check(disturb(processes, tmp_path, student, teacher, 800))

@@ -49,15 +49,7 @@ def start(site: Site) -> subprocess.Popen[bytes]:
         ("SeedActor", signal.SIGKILL, 1),
     ],
 )
-def test_a_process_of_a_cohort_killed_or_stopped(
-    clustered: Site,
-    nodes: Nodes,
-    roomy: int,
-    compare: Compare,
-    victim: str,
-    number: signal.Signals,
-    lost: int,
-) -> None:
+def test_a_process_of_a_cohort_killed_or_stopped(clustered, nodes, roomy, compare, victim, number, lost):
     """The learner costs all its runs some steps, also if it hangs; a player its own run only."""
     driver = start(clustered)
     os.kill(nodes.workers(victim)[0], number)

@@ -4,7 +4,7 @@ import signal
 import time
 
 import pytest
-from faults import Check, Compare, Site, wait_for
+from faults import Compare, Site, wait_for
 from nodes import Nodes
 from saboteur import FULL_DISK, HOLD
 
@@ -22,9 +22,7 @@ DRIVER_PLACES = (
 )
 
 
-def test_a_worker_killed_in_a_checkpoint_and_the_driver_in_a_publication(
-    single: Site, undisturbed_short: dict[str, bytes], check: Check
-) -> None:
+def test_a_worker_killed_in_a_checkpoint_and_the_driver_in_a_publication(single, undisturbed_short, check):
     single.ask("kill-in-checkpoint", "kill-driver-between-moves")
     single.finish(single.start(), -signal.SIGKILL)
     fault = time.time()

@@ -53,9 +53,7 @@ def test_without_a_budget_it_is_refused_with_cost(tmp_path: Path, capsys: pytest
     assert not root.exists()
 
 
-def test_a_campaign_on_a_cluster_is_refused_at_once_with_the_clusters_cost(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_campaign_on_a_cluster_is_refused_at_once_with_the_clusters_cost(tmp_path, capsys, monkeypatch):
     """Also at a terminal: that of ``ray submit --tmux`` is watched by nobody."""
     monkeypatch.setattr("builtins.input", lambda _: pytest.fail("nobody can answer"))
     watched_by(monkeypatch, person=True)

@@ -74,9 +74,7 @@ def test_non_files_are_named(root: Path, command: str, kind: str, capsys: pytest
 
 @pytest.mark.parametrize("kind", IN_PLACE)
 @pytest.mark.parametrize(("command", "path"), [("verify", TABLE), ("ranking", TABLE), ("status", ROOT_FILE)])
-def test_so_are_tables_and_what_marks_a_root(
-    root: Path, command: str, path: str, kind: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_so_are_tables_and_what_marks_a_root(root, command, path, kind, capsys):
     (root / path).unlink()
     IN_PLACE[kind](root / path)
     assert main([command, str(root)]) == COMMANDS[command][0]
@@ -118,9 +116,7 @@ def unprivileged() -> Iterator[None]:
         ("verify", TABLE),
     ),
 )
-def test_what_may_not_be_read_gives_a_sentence(
-    root: Path, command: str, path: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_may_not_be_read_gives_a_sentence(root, command, path, capsys):
     mode = (root / path).stat().st_mode
     (root / path).chmod(0)
     code = main([command, str(root), *COMMANDS[command][1]])

@@ -137,9 +137,7 @@ WRITERS = [
 
 
 @pytest.mark.parametrize("place", ["/", "{home}", "{checkout}", "{busy}"])
-def test_no_command_makes_a_root_where_others_have_files(
-    places: Mapping[str, Any], monkeypatch: pytest.MonkeyPatch, place: str
-) -> None:
+def test_no_command_makes_a_root_where_others_have_files(places, monkeypatch, place):
     monkeypatch.setenv("HOME", str(places["home"]))
     (places["busy"] / "tmp" / "notes.txt").write_text("mine")
     assert len(WRITERS) >= 6

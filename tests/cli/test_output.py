@@ -95,9 +95,7 @@ COMMANDS = [
 
 @pytest.mark.usefixtures("known_speeds")
 @pytest.mark.parametrize("command", COMMANDS)
-def test_tables_fit_80_columns(
-    root: Path, command: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_tables_fit_80_columns(root, command, capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     assert main([word.format(root=root) for word in command.split()]) == 0
     lines = capsys.readouterr().out.splitlines()

@@ -16,9 +16,7 @@ RANKING = pytest.param(["ranking", "simulated-1"], marks=pytest.mark.slow, id="r
 
 @pytest.mark.parametrize("words", [["list"], ["campaign", "--help"], RANKING], ids=" ".join)
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
-def test_characters_that_a_stream_lacks_are_replaced(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], words: list[str], encoding: str
-) -> None:
+def test_characters_that_a_stream_lacks_are_replaced(monkeypatch, capsys, words, encoding):
     assert main(words) == 0
     in_full = capsys.readouterr().out
     written = io.BytesIO()

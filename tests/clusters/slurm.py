@@ -93,7 +93,6 @@ class Slurm:
         self._head.run(f"scontrol update JobId={job} TimeLimit={minutes}", user="root")
 
     def restarts(self, job: int) -> int:
-        """Return the number of times that a job was requeued."""
         found = re.search(r"\bRestarts=(\d+)", self._head.run(f"scontrol show job {job}", shown=False))
         return int(found[1]) if found else 0
 

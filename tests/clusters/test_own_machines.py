@@ -105,16 +105,12 @@ def test_a_job_brings_the_module_beside_its_script(laptop: Laptop, bed: Bed) -> 
     assert [run.status for run in Results.open(bed.shared / "job").runs()] == [RunStatus.DONE] * 3
 
 
-def test_results_in_an_object_store_are_those_of_a_folder(
-    laptop: Laptop, undisturbed: dict[str, str], store: ObjectStore
-) -> None:
+def test_results_in_an_object_store_are_those_of_a_folder(laptop, undisturbed, store):
     assert "4/4 runs done" in laptop.run(submitted(f"s3://{BUCKET}/results"))
     assert store.tables("results") == undisturbed
 
 
-def test_runs_of_a_worker_that_is_powered_off_go_on_elsewhere_and_it_is_replaced(
-    laptop: Laptop, bed: Bed, undisturbed: dict[str, str]
-) -> None:
+def test_runs_of_a_worker_that_is_powered_off_go_on_elsewhere_and_it_is_replaced(laptop, bed, undisturbed):
     root, one = bed.shared / "worker", bed.nodes["one"]
     campaign = laptop.start(f"{submitted('/shared/worker')} --autoscaling")
     wait_until(lambda: trains(one) and checkpoints(root) > 1, 300)

@@ -84,9 +84,7 @@ def test_a_job_is_queued_again_until_it_is_done(slurm: Slurm, undisturbed_long: 
     assert (outcomes.count("done"), set(outcomes)) == (4, {"stopped", "done"})
 
 
-def test_a_job_with_precedence_takes_the_nodes_and_gives_them_back(
-    slurm: Slurm, undisturbed_long: dict[str, str]
-) -> None:
+def test_a_job_with_precedence_takes_the_nodes_and_gives_them_back(slurm, undisturbed_long):
     root = slurm.shared / "preempted"
     job = slurm.submit(f"--nodes=3 {JOB} {LONG} --results /shared/preempted")
     wait_until(lambda: any(root.glob("checkpoints/*/*/index.json")), 300)

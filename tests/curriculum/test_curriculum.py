@@ -63,9 +63,8 @@ def test_episodes_that_must_not_train_stay_outside_of_the_loop(teacher: str) -> 
 def test_a_loop_may_play_the_episodes_that_must_not_train_by_their_marks() -> None:
     with pytest.raises(ValueError, match=r"needs act= \(or marks_withheld=True\)"):
         Curriculum(SMALL["robust_plr"], SPACE, mastery_return=MASTERY_RETURN, values=values)
-    curriculum = Curriculum(
-        SMALL["robust_plr"], SPACE, mastery_return=MASTERY_RETURN, values=values, marks_withheld=True
-    )
+    needs = {"mastery_return": MASTERY_RETURN, "values": values}
+    curriculum = Curriculum(SMALL["robust_plr"], SPACE, **needs, marks_withheld=True)
     environment, marks = curriculum.wrap(make_pendulum(), set_task), []
     for _ in range(30):
         _, info = environment.reset(seed=0)
@@ -77,8 +76,6 @@ def test_a_loop_may_play_the_episodes_that_must_not_train_by_their_marks() -> No
 
 
 class Listener(Teacher):
-    """Teacher that keeps what it is told."""
-
     def sample(self) -> np.ndarray:
         self.episodes_ = getattr(self, "episodes_", [])
         return self.space.sample(self.rng)
@@ -182,9 +179,8 @@ def test_an_instance_is_copied_and_a_wrapper_has_its_spec() -> None:
 
 
 def test_evaluations_of_tasks_are_episodes_of_a_copy() -> None:
-    outcomes = TaskEvaluation(make_pendulum, act, SPACE, -10.0, apply=set_task, seed=3)(
-        np.array([[1, 1], [2, 1.5]], np.float32), False
-    )
+    evaluate = TaskEvaluation(make_pendulum, act, SPACE, -10.0, apply=set_task, seed=3)
+    outcomes = evaluate(np.array([[1, 1], [2, 1.5]], np.float32), False)
     environment = make_pendulum()
     set_task(environment, {"mass": 1, "length": 1})
     environment.reset(seed=3)

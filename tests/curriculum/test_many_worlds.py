@@ -53,7 +53,7 @@ def test_the_teacher_observes_the_episodes_of_all_worlds(kind: str, mode: Autore
     options = {"mastery_return": 230.0, "values": lambda observations: np.zeros(len(observations))}
     if kind == "ours":
         worlds = gymnasium.make_vec(
-            "tma_ray/StumpTracks-v0", num_envs=COUNT, autoreset_mode=mode, max_episode_steps=30
+            "tma_ray/StumpTracks-v0", COUNT, autoreset_mode=mode, max_episode_steps=30
         )
         space, apply = worlds.unwrapped.envs[0], None
     else:

@@ -43,7 +43,6 @@ def place(documented: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
     monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)
-    monkeypatch.setattr(
-        costs, "known_speeds", lambda kinds, *_: dict.fromkeys(kinds, Throughput("any", 1e4, 1e4, 100))
-    )
+    speed = Throughput("any", 1e4, 1e4, 100)
+    monkeypatch.setattr(costs, "known_speeds", lambda kinds, *_: dict.fromkeys(kinds, speed))
     return tmp_path

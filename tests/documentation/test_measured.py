@@ -22,9 +22,8 @@ from tma_ray.results import SCHEMA_VERSION
 from tma_ray.students import STUDENTS
 from tma_ray.teachers import TEACHERS
 
-PAGES = sorted(
-    str(path.relative_to(ROOT)) for folder in ("docs", "benchmarks") for path in (ROOT / folder).rglob("*.md")
-)
+FOLDERS = (ROOT / "docs", ROOT / "benchmarks")
+PAGES = sorted(str(path.relative_to(ROOT)) for folder in FOLDERS for path in folder.rglob("*.md"))
 
 NOT_MEASURED = {
     ("docs/architecture.md", "Four walks"): "how many files a walk crosses",

@@ -4,7 +4,6 @@ import copy
 import hashlib
 import os
 import pickle
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -77,9 +76,7 @@ def test_what_it_returned_does_not_change_later(name: str, body: str) -> None:
 
 @pytest.mark.parametrize("engine", ["compiled", "pymunk"])
 @pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
-def test_a_copy_can_be_played_or_is_refused(
-    monkeypatch: pytest.MonkeyPatch, engine: str, copied: Callable[[Environment], Environment]
-) -> None:
+def test_a_copy_can_be_played_or_is_refused(monkeypatch, engine, copied):
     """A world in an episode cannot be copied; before and after one there is none."""
     monkeypatch.setattr("tma_ray.physics.selection.engine_in_use", lambda: EngineChoice(engine, "chosen"))
     env = make_environment("stump_tracks")

@@ -76,9 +76,8 @@ def test_worlds_equal_gymnasiums_own_in_every_mode(name: str, mode: AutoresetMod
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
 def test_the_function_of_tasks_chooses_those_of_all_episodes_without_a_given_one(mode: AutoresetMode) -> None:
     tasks = ({"stump_height": 0.1 * number, "obstacle_spacing": 5.0} for number in itertools.count())
-    worlds = make_vector_environment(
-        "stump_tracks", 2, autoreset_mode=mode, next_task=lambda: next(tasks), max_episode_steps=3
-    )
+    options = {"autoreset_mode": mode, "max_episode_steps": 3}
+    worlds = make_vector_environment("stump_tracks", 2, next_task=lambda: next(tasks), **options)
     still = np.zeros((2, 4), np.float32)
     heights = [worlds.reset(seed=0)[1]["task"][:, 0]]
     heights += [worlds.step(still)[4]["task"][:, 0] for _ in range(9)]
@@ -91,9 +90,8 @@ def test_the_function_of_tasks_chooses_those_of_all_episodes_without_a_given_one
 
 def test_a_refused_task_of_the_function_moves_no_world_and_can_be_tried_again() -> None:
     tasks = iter([[0, 5], [0, 5], [99, 5], [0, 5], [0, 5], [0, 5]])
-    worlds = make_vector_environment(
-        "stump_tracks", 2, next_task=lambda: next(tasks), max_episode_steps=1, autoreset_mode="NextStep"
-    )
+    options = {"max_episode_steps": 1, "autoreset_mode": "NextStep"}
+    worlds = make_vector_environment("stump_tracks", 2, next_task=lambda: next(tasks), **options)
     still = np.zeros((2, 4), np.float32)
     worlds.reset(seed=0)
     assert worlds.step(still)[3].all()

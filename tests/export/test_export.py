@@ -159,9 +159,7 @@ def test_the_card_lists_every_other_file(student: str, exports: dict[str, Export
 
 
 @pytest.mark.parametrize("student", STUDENTS)
-def test_the_code_of_the_card_runs(
-    student: str, exports: dict[str, Export], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_code_of_the_card_runs(student, exports, monkeypatch):
     _, text = card_of(exports[student].folder)
     ours, theirs = code_of(text)
     monkeypatch.chdir(exports[student].folder)
@@ -174,9 +172,7 @@ def test_the_code_of_the_card_runs(
     assert len(theirs.splitlines()) == 6
 
 
-def test_an_exported_folder_is_exported_alone_without_results(
-    exports: dict[str, Export], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_exported_folder_is_exported_alone_without_results(exports, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     again = export(str(exports["sac"].folder), tmp_path / "again", onnx=False)
     front, text = card_of(again.folder)
@@ -215,9 +211,7 @@ def test_a_plug_in_is_exported_too(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         exec(code, {})
 
 
-def test_what_cannot_be_exported_is_refused_before_anything_is_written(
-    root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_cannot_be_exported_is_refused_before_anything_is_written(root, tmp_path, monkeypatch):
     full, file = tmp_path / "full", tmp_path / "file"
     full.mkdir()
     (full / "notes.txt").write_text("mine")

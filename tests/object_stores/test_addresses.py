@@ -65,9 +65,7 @@ ONE = {"AWS_ENDPOINT_URL": "http://one:1"}
         (ONE, "?endpoint_override=http://u:4", "http://u:4", "us-east-1"),
     ],
 )
-def test_the_address_goes_before_the_environment(
-    variables: dict[str, str], query: str, endpoint: str | None, region: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_address_goes_before_the_environment(variables, query, endpoint, region, monkeypatch):
     for name, value in variables.items():
         monkeypatch.setenv(name, value)
     store = BucketStore.at(f"s3://bucket/some/folder/{query}")
@@ -133,9 +131,7 @@ def test_a_profile_may_name_a_process_of_keys(aws_files: Path, monkeypatch: pyte
     ("text", "message"),
     [("", "no such profile"), ("[profile work]\nrole_arn = x\n", "export-credentials --profile work")],
 )
-def test_a_profile_that_cannot_be_used_is_refused(
-    aws_files: Path, monkeypatch: pytest.MonkeyPatch, text: str, message: str
-) -> None:
+def test_a_profile_that_cannot_be_used_is_refused(aws_files, monkeypatch, text, message):
     (aws_files / "config").write_text(text)
     monkeypatch.setenv("AWS_PROFILE", "work")
     with pytest.raises(ObjectStoreError, match=message):

@@ -68,13 +68,7 @@ def test_runs_outlast_throttling(s3_root: str, short: tuple[RunSpec, dict[str, b
 
 @pytest.mark.slow
 @pytest.mark.parametrize("stage", ["checkpoints/", "manifests/"])
-def test_an_outage_ends_the_attempt_and_the_next_one_continues(
-    s3_root: str,
-    short: tuple[RunSpec, dict[str, bytes]],
-    proxy: Proxy,
-    monkeypatch: pytest.MonkeyPatch,
-    stage: str,
-) -> None:
+def test_an_outage_ends_the_attempt_and_the_next_one_continues(s3_root, short, proxy, monkeypatch, stage):
     spec, expected = short
     monkeypatch.setattr(bucket, "ATTEMPTS", 2)
     assert run(spec, s3_root, stop_after=5) == "stopped"

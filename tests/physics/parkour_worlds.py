@@ -39,7 +39,6 @@ def parkour_world(
 
 
 def without_creepers(terrain: Terrain) -> Terrain:
-    """Return a terrain without its creepers."""
     return terrain._replace(creepers=np.empty((0, 4)), holders=np.empty(0, np.int64))
 
 

@@ -54,9 +54,7 @@ def differing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(CompiledEngine, "step", step)
 
 
-def test_an_engine_with_other_results_is_not_taken(
-    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_an_engine_with_other_results_is_not_taken(monkeypatch, caplog):
     differing(monkeypatch)
     with caplog.at_level(logging.WARNING):
         assert isinstance(engine(), PymunkEngine)

@@ -112,7 +112,6 @@ def test_both_engines_grip_the_same_creepers(name: str) -> None:
     ],
 )
 def test_random_full_torque_breaks_nothing(body: Embodiment, task: tuple[float, float], steps: int) -> None:
-    """Nothing tunnels, sinks in, falls apart or becomes NaN."""
     engine, arrays, rng = CompiledEngine(body, RULES), body_arrays(body), np.random.default_rng(4)
     drift, overshoot, depth, lowest = [], [], [], []
     for step in range(steps):

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 from episodes import world_record
-from playwright.sync_api import Browser
 from replays import in_chromium, in_node, recorded, sine_of_the_page
 
 from tma_ray.embodiments import embodiment_names
@@ -49,9 +48,7 @@ def test_every_body_moves_as_in_python(sine: dict[str, str], tmp_path: Path) -> 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("body", embodiment_names())
-def test_twenty_episodes_are_the_same_in_node_and_in_chromium(
-    body: str, sine: dict[str, str], browser: Browser, tmp_path: Path
-) -> None:
+def test_twenty_episodes_are_the_same_in_node_and_in_chromium(body, sine, browser, tmp_path):
     files = recorded(tmp_path, 20, 200, (body,), sine)
     for played in (in_node(tmp_path, *files), in_chromium(browser, *files)):
         assert_same_bits(played, files, 20)

@@ -202,9 +202,7 @@ def test_play_writes_what_was_asked_for(tmp_path: Path, opened: Opener) -> None:
         (PlaySettings(("nowhere",)), "no policy 'nowhere'"),
     ],
 )
-def test_what_the_page_cannot_play_is_refused(
-    settings: PlaySettings, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_the_page_cannot_play_is_refused(settings, message, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)  # elsewhere there may be results, whose runs the last message tells
     with pytest.raises(ValueError, match=message):
         play(settings)

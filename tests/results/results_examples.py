@@ -67,7 +67,6 @@ def add_run(
 
 
 def make_cell(run_id: str, seed: int = 0, experiment: str = "x", teacher: str = "alp_gmm") -> dict[str, Any]:
-    """Return a row of the table of cells."""
     names = ("environment", "challenge", "embodiment", "student", "expert_knowledge")
     names_of = dict.fromkeys(names, "x") | {"experiment": experiment, "teacher": teacher}
     return names_of | {"seed": seed, "run_id": run_id}

@@ -3,7 +3,6 @@
 import io
 import os
 import zipfile
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -56,9 +55,7 @@ def test_an_archive_that_inflates_is_refused(tmp_path: Path) -> None:
             load_npz(path)
 
 
-def test_a_table_of_repeated_rows_is_named_and_left_out(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_table_of_repeated_rows_is_named_and_left_out(tmp_path, capsys, monkeypatch):
     monkeypatch.setitem(MOST_TABLE_ROWS, Table.CELLS, 100_000)
     root = Committer.open(tmp_path / "root").store
     root.write_bytes(table_path(Table.CELLS, "bomb"), repeated(Table.CELLS, 100_001))
@@ -126,9 +123,7 @@ def test_what_the_end_of_a_file_says_of_its_pages_is_not_believed() -> None:
     ("name", "read"),
     [("tests.csv", TestSet.from_csv), ("body.toml", load_embodiment), ("weights.npz", load_npz)],
 )
-def test_no_reader_waits_for_a_pipe_or_reads_holes(
-    tmp_path: Path, name: str, read: Callable[[Path], object], place: str
-) -> None:
+def test_no_reader_waits_for_a_pipe_or_reads_holes(tmp_path, name, read, place):
     path = tmp_path / name
     if place == "a pipe":
         os.mkfifo(path)

@@ -76,9 +76,7 @@ def test_a_released_lease_is_free_at_once(store: Store, clock: Clock) -> None:
         first.renew()
 
 
-def test_a_lease_that_a_full_disk_keeps_hides_no_error(
-    store: Store, clock: Clock, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_lease_that_a_full_disk_keeps_hides_no_error(store, clock, monkeypatch):
     def refuse(_: Lease) -> None:
         raise StorageError("no space")
 

@@ -186,9 +186,7 @@ def without_folder_sync(monkeypatch: pytest.MonkeyPatch, number: int) -> None:
 
 @pytest.mark.parametrize("number", NO_LINKS, ids=errno.errorcode.get)
 @pytest.mark.parametrize("no_sync", [errno.EINVAL, errno.EBADF, errno.ENOTSUP], ids=errno.errorcode.get)
-def test_a_root_is_made_leased_written_and_read(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int, no_sync: int
-) -> None:
+def test_a_root_is_made_leased_written_and_read(tmp_path, monkeypatch, number, no_sync):
     without_links(monkeypatch, number)
     without_folder_sync(monkeypatch, no_sync)
     store = Store.open(tmp_path / "new/root")
@@ -205,9 +203,7 @@ def test_a_root_is_made_leased_written_and_read(
 
 
 @pytest.mark.parametrize("number", [errno.EIO, errno.ENOSPC], ids=errno.errorcode.get)
-def test_a_folder_that_is_not_synced_for_another_reason_is_an_error(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
-) -> None:
+def test_a_folder_that_is_not_synced_for_another_reason_is_an_error(tmp_path, monkeypatch, number):
     without_folder_sync(monkeypatch, number)
     with pytest.raises(StorageError, match="the same command continues"):
         Store.open(tmp_path / "root").write_bytes("file", b"1")

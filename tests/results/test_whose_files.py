@@ -99,9 +99,7 @@ def root(tmp_path: Path) -> Path:
     ["tmp/notes.txt", "tmp/0123456789abcdef0123456789abcdef", "tmp/folder/", "empty/", "lease.json", "tmp"],
 )
 @pytest.mark.parametrize("make", [MAKERS[name] for name in MAKERS if name != "Lease"])
-def test_a_folder_that_holds_anything_of_others_does_not_become_a_root(
-    tmp_path: Path, theirs: str, make: Callable[[Store], object]
-) -> None:
+def test_a_folder_that_holds_anything_of_others_does_not_become_a_root(tmp_path, theirs, make):
     put(tmp_path, theirs)
     before = contents(tmp_path)
     refusal = rf"neither empty \({theirs.split('/')[0]}.*choose a new or empty"
@@ -112,9 +110,7 @@ def test_a_folder_that_holds_anything_of_others_does_not_become_a_root(
 
 @pytest.mark.parametrize("theirs", [".DS_Store", "._results", ".Trashes/a", "lost+found/", "tmp/.DS_Store"])
 @pytest.mark.parametrize("make", [MAKERS[name] for name in MAKERS if name != "Lease"])
-def test_a_folder_with_nothing_but_files_of_its_system_becomes_a_root(
-    tmp_path: Path, theirs: str, make: Callable[[Store], object]
-) -> None:
+def test_a_folder_with_nothing_but_files_of_its_system_becomes_a_root(tmp_path, theirs, make):
     put(tmp_path, theirs)
     before = contents(tmp_path)
     make(Store.open(tmp_path))
@@ -168,9 +164,7 @@ def test_the_sweep_deletes_what_is_ours_and_old_and_nothing_else(root: Path, out
 
 
 @pytest.mark.parametrize("access", ACCESSES.values(), ids=ACCESSES)
-def test_nothing_goes_through_a_link_out_of_the_root(
-    root: Path, outside: Path, access: Callable[[Store], object]
-) -> None:
+def test_nothing_goes_through_a_link_out_of_the_root(root, outside, access):
     store = Store.open(root)
     store.write_bytes("ours", b"ours")
     (root / "link").symlink_to(outside)

@@ -108,7 +108,6 @@ def one_episode(
 
 
 def rows(root: str | Path, table: Table) -> list[dict[str, Any]]:
-    """Return the visible rows of a table."""
     return Results.open(root).table(table).to_pylist()
 
 

@@ -114,9 +114,7 @@ def test_what_cannot_run_is_refused(cell: Cell, message: str) -> None:
         ({"constant_dimensions": False}, Cell("parkour", embodiment="fish"), "constant dimension"),
     ],
 )
-def test_a_space_beyond_the_limits_of_a_teacher_is_refused(
-    limits: dict[str, int], cell: Cell, message: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_space_beyond_the_limits_of_a_teacher_is_refused(limits, cell, message, monkeypatch):
     for name, value in limits.items():
         monkeypatch.setattr(TEACHERS.get(cell.teacher), name, value)
     assert spec_of(Cell(teacher=cell.teacher)).task_space.size == 2

@@ -59,9 +59,7 @@ def test_up_to_its_first_reset_a_run_is_one_without(tmp_path: Path, student: str
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("student", "cuts"), [("ppo", 4), ("sac", 0)])
-def test_stopped_around_a_reset_and_resumed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, student: str, cuts: int
-) -> None:
+def test_stopped_around_a_reset_and_resumed(tmp_path, monkeypatch, student, cuts):
     """Checkpoints after every episode, with several files of a replay buffer that a reset empties."""
     monkeypatch.setattr("tma_ray.students.replay.SEGMENT_ROWS", 100)
     spec = replace(small_spec(tmp_path, student, "alp_gmm", steps=2_000), resets=(1_050, 1_600), cuts=cuts)

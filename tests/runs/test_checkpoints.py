@@ -90,9 +90,7 @@ def test_only_the_newest_and_the_one_before_are_kept_with_all_they_need(spec: Ru
     assert len(states) == 2, "small files of older checkpoints are gone"
 
 
-def test_after_a_checkpoint_that_could_not_be_written_the_next_one_is_complete(
-    spec: RunSpec, store: Store, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_after_a_checkpoint_that_could_not_be_written_the_next_one_is_complete(spec, store, monkeypatch):
     one, checkpoints = new_run(spec, store.base), Checkpoints(store, spec.run_id, 0)
     play(one, 30)
     checkpoints.save(one, (), "here")
@@ -222,14 +220,7 @@ def test_the_next_attempt_writes_the_row_of_one_that_died_with_its_driver(short:
 
 
 @pytest.mark.parametrize(("extensions", "warned"), [("AVX2", False), ("AVX512", True)])
-def test_a_run_that_resumes_with_other_vector_extensions_says_so(
-    short: RunSpec,
-    root: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    caplog: pytest.LogCaptureFixture,
-    extensions: str,
-    warned: bool,
-) -> None:
+def test_a_run_on_other_vector_extensions_says_so(short, root, monkeypatch, caplog, extensions, warned):
     """Virtual machines of different processors name the same model."""
     monkeypatch.setattr("torch.backends.cpu.get_cpu_capability", lambda: "AVX2")
     die(short, root, episodes=3)
@@ -261,9 +252,7 @@ def test_an_attempt_that_has_its_row_keeps_it(short: RunSpec, root: Path) -> Non
     assert rows(root, Table.ATTEMPTS)[0] == stopped[0]
 
 
-def test_a_driver_that_dies_before_the_last_row_leaves_it_to_the_next(
-    short: RunSpec, root: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_driver_that_dies_before_the_last_row_leaves_it_to_the_next(short, root, monkeypatch):
     def killed(*_: object) -> None:
         raise KeyboardInterrupt
 

@@ -123,9 +123,7 @@ def hopped(hopper: Path, tmp_path: Path) -> RunSpec:
 
 
 @pytest.mark.usefixtures("elsewhere")
-def test_a_release_plays_without_the_files_it_was_made_with(
-    hopped: RunSpec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_release_plays_without_the_files_it_was_made_with(hopped, tmp_path, monkeypatch):
     released = release(tmp_path / "root", "kept", tmp_path / "released")
     shutil.rmtree(tmp_path / "root")
     assert verify(released).problems == ()

@@ -119,9 +119,7 @@ DAMAGE: dict[str, Callable[[Path], object]] = {
 
 
 @pytest.mark.parametrize("damage", DAMAGE)
-def test_a_damaged_checkpoint_falls_back_to_the_one_before(
-    tmp_path: Path, short: tuple[RunSpec, dict[str, bytes]], stopped: Path, damage: str
-) -> None:
+def test_a_damaged_checkpoint_falls_back_to_the_one_before(tmp_path, short, stopped, damage):
     spec, undisturbed = short
     root = shutil.copytree(stopped, tmp_path / "damaged")
     _, newest = sorted((root / "checkpoints" / spec.run_id).iterdir())
@@ -181,9 +179,7 @@ def _walk(folder: Path, student: str, environment: str, challenge: str, body: st
 @pytest.mark.slow
 @pytest.mark.parametrize("student", ["ppo", "sac"])
 @pytest.mark.parametrize("kind", [forgetting, asking, examining, swimming, diverse])
-def test_an_interrupted_run_is_bit_for_bit_one_that_was_not(
-    tmp_path: Path, student: str, kind: Callable[[Path, str], RunSpec]
-) -> None:
+def test_an_interrupted_run_is_bit_for_bit_one_that_was_not(tmp_path, student, kind):
     """First alone in its cohort; then stopped, and resumed beside another learner's other run."""
     spec = kind(tmp_path, student)
     with serving(tmp_path, WIDTH) as learner:

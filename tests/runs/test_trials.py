@@ -1,7 +1,6 @@
 """Episodes from which the student does not learn, and evaluations that a teacher asks for."""
 
 import pickle
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,7 @@ import pytest
 from small_runs import new_run, one_episode, rows, run, small_spec, stump_tracks_spec
 
 from tma_ray.results import Table
-from tma_ray.runs import Cell, InlineTeacher, Reply, RunSpec, Schedule, effective_spec, evaluation
+from tma_ray.runs import Cell, InlineTeacher, Reply, Schedule, effective_spec, evaluation
 from tma_ray.runs.evaluation import UntrainedEpisodes
 from tma_ray.runs.run import Run
 from tma_ray.students import STUDENTS, Student
@@ -101,9 +100,7 @@ def test_it_makes_no_difference_where_the_teacher_is(tmp_path: Path, teacher: st
 @pytest.mark.parametrize(
     "make_spec", [small_spec, partial(stump_tracks_spec, student="ppo", teacher="random")]
 )
-def test_an_evaluation_is_one_episode_of_each_task(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, make_spec: Callable[..., RunSpec]
-) -> None:
+def test_an_evaluation_is_one_episode_of_each_task(tmp_path, monkeypatch, make_spec):
     """Three at a time; more of them, then fewer."""
     monkeypatch.setattr(evaluation, "MAX_WORLDS", 3)
     spec = make_spec(tmp_path)

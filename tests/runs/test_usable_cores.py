@@ -60,16 +60,12 @@ def test_are_all_where_there_is_no_affinity(monkeypatch: pytest.MonkeyPatch, tmp
     ],
     ids=["v2", "v2 under a core", "v2 without", "v2 above", "v2 around", "v1", "v1 without"],
 )
-def test_are_within_the_quota_of_the_control_groups(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, files: dict[str, str], cores: int
-) -> None:
+def test_are_within_the_quota_of_the_control_groups(monkeypatch, tmp_path, files, cores):
     give(monkeypatch, 8)
     assert usable_cores(write(tmp_path, files)) == cores
 
 
-def test_are_what_the_doctor_shows_and_a_plan_counts_on(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_are_what_the_doctor_shows_and_a_plan_counts_on(monkeypatch, capsys):
     give(monkeypatch, 1)
     monkeypatch.setenv("COLUMNS", "500")
     assert main(["doctor"]) == 0

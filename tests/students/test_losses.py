@@ -14,9 +14,8 @@ from tma_ray.students.sac import SQUASH_EPSILON, SACUpdate, log_std_of, squashed
 
 pytestmark = pytest.mark.usefixtures("_seeded")
 UPDATES = 10
-DTYPES = pytest.mark.parametrize(
-    ("dtype", "tolerance"), [(torch.float64, 1e-9), (torch.float32, 2e-5)], ids=["float64", "float32"]
-)
+KINDS = [(torch.float64, 1e-9), (torch.float32, 2e-5)]
+DTYPES = pytest.mark.parametrize(("dtype", "tolerance"), KINDS, ids=["float64", "float32"])
 
 
 def largest_difference(model, stock) -> float:

@@ -15,9 +15,8 @@ from tma_ray.support.import_hacks import skip_dynamo, take_step
 pytestmark = pytest.mark.usefixtures("_seeded")
 LAYOUTS = [Layout(sizes) for sizes in ((5, 7, 6, 3), (4, 2), (24, 40, 30, 8), (1, 9, 1))]
 LAYOUTS.append(Layout((5, 7, 6, 3), Activation.TANH))
-EACH = pytest.mark.parametrize(
-    "layout", LAYOUTS, ids=lambda layout: "-".join(map(str, (*layout.sizes, layout.activation)))
-)
+NAMES = ["-".join(map(str, (*layout.sizes, layout.activation))) for layout in LAYOUTS]
+EACH = pytest.mark.parametrize("layout", LAYOUTS, ids=NAMES)
 
 
 def drawn(layout: Layout, rows: int = 9) -> tuple[torch.Tensor, torch.Tensor]:

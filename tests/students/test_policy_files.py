@@ -60,9 +60,7 @@ def trained(name: str) -> Student:
 
 
 @pytest.mark.parametrize("name", [*STUDENTS, *VARIANTS])
-def test_a_saved_policy_acts_to_the_bit_as_its_student_and_is_loaded_without_pickles(
-    name: str, tmp_path: Path, no_pickles: Callable[[], None]
-) -> None:
+def test_a_saved_policy_acts_as_its_student_and_is_loaded_without_pickles(name, tmp_path, no_pickles):
     student = trained(name)
     batches = [OBSERVATIONS, OBSERVATIONS[:7], *(row[None] for row in OBSERVATIONS[:20])]
     expected = [student.act_greedily(batch) for batch in batches]

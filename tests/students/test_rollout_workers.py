@@ -175,11 +175,9 @@ def test_without_a_learner(tmp_path):
 
 
 def test_students_without_a_stacked_learner_are_refused(learner):
-    env = Drift()
+    spaces = Drift().observation_space, Drift().action_space
     with pytest.raises(ValueError, match="'TQC' cannot learn in a cohort: ppo, sac can"):
-        make_rollout_worker(
-            "TQC", env.observation_space, env.action_space, np.random.SeedSequence(0), {}, learner
-        )
+        make_rollout_worker("TQC", *spaces, np.random.SeedSequence(0), {}, learner)
 
 
 def test_the_hardware_of_a_cohort_is_known(learner):

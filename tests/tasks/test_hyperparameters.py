@@ -91,7 +91,6 @@ OTHERS |= {"weights": {"b": 2.0, "c": 3.0}, "chosen": frozenset({"c"}), "modes":
 
 @pytest.mark.parametrize("name", OTHERS)
 def test_what_is_annotated_is_read_shown_and_hashed(name: str) -> None:
-    """Values come back from the JSON of a run and from a name, the default and another one."""
     assert OTHERS.keys() == Annotations.__dataclass_fields__.keys()
     default = getattr(Annotations(), name)
     for value in (default, OTHERS[name]):
@@ -135,9 +134,8 @@ class Unfit:
 def test_what_json_does_not_have_is_refused_by_name() -> None:
     for name in ("when", "limit"):
         kept = make_dataclass("Kept", [(name, Any, getattr(Unfit, name))])
-        with pytest.raises(
-            ValueError, match=f"Kept: hyper-parameter {name} = .*expected a value that JSON has"
-        ):
+        refusal = f"Kept: hyper-parameter {name} = .*expected a value that JSON has"
+        with pytest.raises(ValueError, match=refusal):
             config_dict(kept())
     with pytest.raises(ValueError, match="Unfit: hyper-parameter given is not a field of the dataclass"):
         config_dict(Unfit())

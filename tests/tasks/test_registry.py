@@ -54,9 +54,7 @@ def test_what_ships_with_the_package_needs_no_digest_and_no_import() -> None:
         shipped.plugin("gon")
 
 
-def test_an_installed_package_offers_names_through_entry_points(
-    registry: Registry[type], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_installed_package_offers_names_through_entry_points(registry, tmp_path, monkeypatch):
     package = tmp_path / "shapes-1.0.dist-info"
     package.mkdir()
     (package / "METADATA").write_text("Metadata-Version: 2.1\nName: shapes\nVersion: 1.0\n")

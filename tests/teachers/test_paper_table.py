@@ -117,9 +117,7 @@ def test_impossible_hyperparameters_are_refused(name: str, key: str) -> None:
         ("spgl", {"first_update": 1_000, "update_every": 2_000}, 10, 1 + 5),
     ],
 )
-def test_waits_are_scaled_by_the_square_root_of_the_budget(
-    name: str, settings: dict[str, Any], episodes: int, updates: int
-) -> None:
+def test_waits_are_scaled_by_the_square_root_of_the_budget(name, settings, episodes, updates):
     """Of a hundredth of the paper's budget a tenth; episodes have 100 steps."""
     teacher = started(name, SPACES["line"], **settings, budget=200_000)
     play(teacher, episodes)

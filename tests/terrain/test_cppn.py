@@ -62,9 +62,8 @@ def test_many_thetas_at_once_equal_each_alone_in_float64(seed: int) -> None:
     assert curves.dtype == np.float32
     for place in np.ndindex(2, 5):
         signal = np.column_stack([np.arange(POINTS) / 199, np.tile(theta[place], (POINTS, 1))])
-        for name, activation in zip(
-            ("w1", "w2", "w3", "w4"), 2 * (np.tanh, lambda v: np.logaddexp(0, v)), strict=True
-        ):
+        activations = 2 * (np.tanh, lambda value: np.logaddexp(0, value))
+        for name, activation in zip(("w1", "w2", "w3", "w4"), activations, strict=True):
             signal = activation(signal @ arrays[name].astype(np.float64))
         expected = signal @ arrays["w5"].astype(np.float64)
         np.testing.assert_allclose(curves[place], expected, atol=5e-3)

@@ -79,9 +79,8 @@ def test_an_mp4_holds_all_frames(tmp_path: Path) -> None:
 def test_the_same_scenario_gives_the_same_file_and_the_seed_another(tmp_path: Path) -> None:
     files = [tmp_path / f"{index}.gif" for index in range(3)]
     for path, seed in zip(files, (1, 1, 2), strict=True):
-        render(
-            EpisodeSettings(environment="parkour", embodiment="climbing_chimpanzee", seed=seed, steps=4), path
-        )
+        climber = {"environment": "parkour", "embodiment": "climbing_chimpanzee"}
+        render(EpisodeSettings(**climber, seed=seed, steps=4), path)
     first, same, other = (path.read_bytes() for path in files)
     assert first == same != other
 
@@ -181,13 +180,7 @@ def test_tasks_that_are_none(task: str, message: str) -> None:
         ("-o a.gif --seed -1", "--seed: '-1': expected a whole number"),
     ],
 )
-def test_the_command_refuses_before_it_plays(
-    arguments: str,
-    message: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_the_command_refuses_before_it_plays(arguments, message, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(["render", *arguments.split()]) == 2
     assert message in capsys.readouterr().err
