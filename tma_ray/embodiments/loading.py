@@ -233,7 +233,7 @@ def _shipped(name: str, settings: tuple[tuple[str, float], ...]) -> Embodiment:
 
 
 def _parse(path: Traversable, settings: Mapping[str, float]) -> Embodiment:
-    """Return the body in the file `path` with `settings`; its name includes the settings that change it."""
+    """Load the body from `path` with `settings` applied; its name includes the settings that change it."""
     try:
         if isinstance(path, Path):
             check_file(path, MOST_TEXT_BYTES)
@@ -252,7 +252,7 @@ def _parse(path: Traversable, settings: Mapping[str, float]) -> Embodiment:
 
 
 def _variant(data: dict[str, Any], settings: Mapping[str, float]) -> Embodiment:
-    """Return the body of a file's contents `data` with `settings`, under its name in the file."""
+    """Build the body described by `data`, a parsed file, with `settings` applied but its name unchanged."""
     for name in ENTRIES:
         tables = data.get(name, [])
         if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):

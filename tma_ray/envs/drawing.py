@@ -96,7 +96,7 @@ def _around(segments: NDArray[np.float64], x: float) -> float:
 
 
 SUPERSAMPLING = 2
-CROP = 10.0  # largest distance of points outside the frame, in m, since pygame limits coordinates
+CROP = 10.0  # distance from the frame to which points outside it are clipped, in m: pygame limits coordinates
 
 Floats = NDArray[np.float64]
 
@@ -161,7 +161,7 @@ class Canvas:
         self.surface.blit(drawn, drawn.get_rect(midtop=self._pixels(point).tolist()))
 
     def bar(self, share: float, colours: tuple[Colour, Colour, Colour]) -> None:
-        """Draw a progress bar along the top, with colours for the track, the share done, and the end."""
+        """Draw a progress bar along the top, with colours for the track, the completed share and the end."""
         left, right, y = (SUPERSAMPLING * value for value in (20, WIDTH - 20, 16))
         x, (track, done, end) = left + share * (right - left), colours
         pygame.draw.line(self.surface, track, (left, y), (right, y), 2 * SUPERSAMPLING)
@@ -170,7 +170,7 @@ class Canvas:
         pygame.draw.circle(self.surface, end, (right, y), 4 * SUPERSAMPLING)
 
     def sees(self, left: Floats, right: Floats) -> NDArray[np.bool_]:
-        """Return a mask (n,) of the objects in the frame, which span x from `left` to `right` (n,)."""
+        """Return a mask (n,) of the objects in the frame, given their x from `left` to `right` (n,)."""
         return np.asarray((right >= self.view.left) & (left <= self.view.right))
 
     def _pixels(self, points: Floats) -> Floats:

@@ -164,7 +164,7 @@ Observations: TypeAlias = NDArray[np.float32]
 Flags: TypeAlias = NDArray[np.bool_]
 NextTask: TypeAlias = Callable[[], ArrayLike | Mapping[str, float]]
 
-OPTIONS = ("reset_mask", "task")  # options of a reset
+OPTIONS = ("reset_mask", "task")  # keys of `options` in `reset`
 
 
 class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
@@ -359,7 +359,11 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         return self._observations
 
     def _step_after_ends(self, actions: NDArray[np.float32]) -> tuple[Outcome, Flags]:
-        """Reset sub-environments whose episodes ended, step the others; return the outcome and their mask."""
+        """Reset sub-environments whose episodes have ended, and step the others.
+
+        Returns:
+            The outcome in all sub-environments, and a mask (n,) of those that were stepped.
+        """
         moved, begun = self._running.copy(), self._ended.copy()
         if self.autoreset_mode is AutoresetMode.DISABLED or not (moved | begun).all():
             over = ", ".join(map(str, self._rows[~moved]))

@@ -1,4 +1,4 @@
-"""Engines that simulate a body in a world with Chipmunk; making the first imports numba and pymunk."""
+"""Engines that simulate a body in a world with Chipmunk; creating the first imports numba and pymunk."""
 
 from tma_ray.physics.base import PHYSICS_VERSION, TIME_STEP, Engine, SolverSettings
 from tma_ray.physics.rules import (

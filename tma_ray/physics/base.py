@@ -14,7 +14,7 @@ PHYSICS_VERSION = 3  # part of each run's identity; increased by every change to
 TIME_STEP = 1 / 50  # time between two actions, in s
 GRAVITY = -10.0  # in m/s²
 CEILING_TYPE = 1 << 20  # Chipmunk's collision type of ceiling shapes
-HANGING_STEPS = 6  # steps with closed grips before an episode that starts hanging; others take one step
+HANGING_STEPS = 6  # steps with closed grips before an episode that starts hanging; others start after one
 
 
 class SolverSettings(NamedTuple):
@@ -22,12 +22,12 @@ class SolverSettings(NamedTuple):
 
     iterations: int = 30  # solver iterations per substep
     substeps: int = 2  # substeps per time step
-    # share, in (0, 1], of the substeps in which motors act, from the first one on; torques are divided by it
-    # to keep the largest impulse of a time step
+    # share, in (0, 1], of the substeps in which motors act: the first ones of each time step. Torques are
+    # divided by this share, so that the largest impulse per time step does not depend on it.
     motor_share: float = 1.0
     joint_error_bias: float = 0.5**60  # share of a joint's error left after one second
-    # highest speed at which a joint is moved back into its limits, in rad/s: Chipmunk's joints keep this
-    # speed, so that a high one would make them bounce, unlike Box2D's
+    # highest speed at which a joint is moved back into its limits, in rad/s: unlike in Box2D, the joint then
+    # keeps this speed, so that a high one would make it bounce
     limit_correction_speed: float = 0.1
     collision_bias: float = 0.5**60  # share of a penetration left after one second
     collision_slop: float = 0.005  # allowed penetration, in m

@@ -40,7 +40,7 @@ def add_parts(
         part.position = tuple((spawn + body.position[index]).tolist())
         corners = body.vertices[body.first_vertex[index] : body.first_vertex[index + 1]]
         shape = pymunk.Poly(part, corners.tolist(), radius=skin_radius)
-        # Chipmunk multiplies the two coefficients of a contact; Box2D takes the root of their product
+        # Chipmunk multiplies the two coefficients of a contact; Box2D takes the square root of their product
         shape.friction = math.sqrt(body.friction[index])
         shape.filter = pymunk.ShapeFilter(group=1)  # parts in one group do not collide
         shape.collision_type = index + 1
@@ -112,7 +112,7 @@ def _closed(body: BodyArrays, settings: SolverSettings) -> BodyArrays:
         space.add(
             pymunk.Poly(space.static_body, [(-100.0, -10.0), (100.0, -10.0), (100.0, 0.0), (-100.0, 0.0)])
         )
-        for _ in range(2):  # the corrections change positions one step later
+        for _ in range(2):  # corrections of the first step move the parts in the second
             space.step(TIME_STEP)
         body = _posed(body, parts)
     return body

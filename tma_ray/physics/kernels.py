@@ -62,16 +62,14 @@ def _longest_chain(terrain: Terrain) -> float:
 
 Floats = NDArray[np.float64]
 
-GROUND_SIDE, CEILING_SIDE = (
-    1.0,
-    -1.0,
-)  # the ground's segments are solid on their right, the ceiling's on their left
+# side on which a surface's segments are solid: the right (1) or the left (-1)
+GROUND_SIDE, CEILING_SIDE = 1.0, -1.0
 SOLID, CREEPER, WATER = 0.0, 1.0, -1.0  # kinds of objects hit by a lidar; SOLID also if nothing is hit
 
 
 @kernel
 def cast_ray(x: float, y: float, ray: Floats, world: World) -> tuple[float, float]:
-    """Return the distance of a ray's first hit, as a share of the ray, and the kind of object hit.
+    """Return the share of a ray's length at which it first hits an object, and the kind of object.
 
     Without a hit, the share is 1. Objects that contain the start (x, y) are not hit. The end of `ray` (2,) is
     relative to the start, in m.
@@ -106,7 +104,7 @@ def first_segment(surface: Floats, x: float) -> int:
 
 @kernel
 def hit_fraction(x: float, y: float, ray: Floats, surface: Floats, side: float) -> float:
-    """Return the distance at which a ray hits `surface` (m, 4), as a share of the ray; 1 without a hit."""
+    """Return the share of a ray's length at which it hits `surface` (m, 4), or 1 without a hit."""
     nearest = 1.0
     reach = max(x, x + ray[0])
     index = first_segment(surface, min(x, x + ray[0]))
@@ -135,7 +133,7 @@ def creepers_between(left: float, right: float, world: World) -> tuple[int, int]
 
 @kernel
 def _creeper_fraction(x: float, y: float, ray: Floats, world: World) -> float:
-    """Return the distance at which a ray hits a creeper, as a share of the ray; 1 without a hit."""
+    """Return the share of a ray's length at which it first hits a creeper, or 1 without a hit."""
     nearest = 1.0
     first, last = creepers_between(min(x, x + ray[0]), max(x, x + ray[0]), world)
     for index in range(first, last):
@@ -145,7 +143,7 @@ def _creeper_fraction(x: float, y: float, ray: Floats, world: World) -> float:
 
 @kernel
 def _box_fraction(x: float, y: float, ray: Floats, rectangle: Floats, pose: Floats) -> float:
-    """Return the distance at which a ray hits a rectangle, as a share of the ray; 1 without a hit.
+    """Return the share of a ray's length at which it hits a rectangle, or 1 without a hit.
 
     The ray is clipped by the rectangle's two pairs of sides, in the rectangle's axes.
     """
@@ -519,7 +517,7 @@ def _push(
 
 @kernel
 def _add(x: float, y: float, lever_x: float, lever_y: float, force: Floats) -> None:
-    """Add a force (x, y), applied at a lever from the centre of mass, to `force` (3,)."""
+    """Add to `force` (3,) a force (x, y) applied at a lever from the centre of mass, and its torque."""
     force[0] += x
     force[1] += y
     force[2] += lever_x * y - lever_y * x

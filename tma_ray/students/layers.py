@@ -111,7 +111,7 @@ def _leaves(module: nn.Module) -> Iterator[nn.Module]:
     if isinstance(module, nn.Sequential):
         for layer in module:
             yield from _leaves(layer)
-    elif not isinstance(module, FlattenExtractor):  # does nothing: observations are flat
+    elif not isinstance(module, FlattenExtractor):  # which does nothing: observations are flat
         yield module
 
 

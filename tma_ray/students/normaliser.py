@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tma_ray.students.base import Observations, Transition
 from tma_ray.support.jit import kernel
 
-EPSILON = 1e-8  # added to variances before taking the root
+EPSILON = 1e-8  # added to variances before taking the square root
 INITIAL_COUNT = 1e-4  # weight of the initial mean 0 and variance 1
 
 MEAN_TENSOR, VARIANCE_TENSOR = "normaliser.mean", "normaliser.variance"  # names in saved policies

@@ -196,7 +196,7 @@ class PPOUpdate:
         variance = explained_variance(rollout.values, rollout.returns)
         model.logger.record("train/explained_variance", variance)
 
-    @torch.no_grad()  # a closed-form gradient saves 5 % of a step's time
+    @torch.no_grad()  # gradients are in closed form, which saves 5 % of a step's time
     def train_on(self, batch: RolloutBufferSamples) -> Losses:
         """Take one optimiser step on the mini-batch `batch`, and return the losses before the step."""
         (network,), (log_std,) = self.flat.networks, self.flat.others
@@ -214,7 +214,7 @@ class PPOUpdate:
 NORMALISER_FILE = "normaliser.json"
 AVERAGE_FILE = "average.npy"
 
-POLICY = "ppo"  # student named in saved policies, also in those of `StockPPO`
+POLICY = "ppo"  # name of the student in saved policies, including those of `StockPPO`
 
 
 class PPO(PPOActing, StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):

@@ -152,7 +152,7 @@ class ReplayBuffer:
         changed: set[int] | None = None
         if incremental and self._saved:
             new = min(self._added - self._saved, self._rows)
-            # with the rows before and after, which `add` also changes
+            # new rows and those directly before and after them, which `add` also changes
             touched = np.arange(self._row - new - 1, self._row + 1) % self._rows
             changed = set((touched // SEGMENT_ROWS).tolist())
         used, unchanged = min(self._filled + 1, self._rows), []

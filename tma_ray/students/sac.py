@@ -175,7 +175,7 @@ class SACUpdate:
         self._model.logger.record("train/actor_loss", policy_loss.item())
 
 
-POLICY = "sac"  # student named in saved policies, also in those of `StockSAC`
+POLICY = "sac"  # name of the student in saved policies, including those of `StockSAC`
 
 
 class SAC(SACActing, StableBaselinesStudent[SACHyperparameters, stable_baselines3.SAC]):

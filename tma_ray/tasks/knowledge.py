@@ -46,7 +46,7 @@ class TestSet:
         return len(self.tasks)
 
     def __repr__(self) -> str:
-        """Return a short text without the tasks, for use in messages."""
+        """Return a short description without the tasks, for use in messages."""
         return f"TestSet({self.name!r}, {', '.join(self.dimensions)}: {len(self)} tasks, {self.digest})"
 
     @property
@@ -122,7 +122,7 @@ CONSTANT_DIMENSION_VARIANCE = 1e-6  # for constant dimensions, whose range is 0
 
 
 class KnowledgeLevel(StrEnum):
-    """Amounts of expert knowledge, in rising order (paper)."""
+    """Amounts of expert knowledge, in increasing order (paper)."""
 
     NONE = "none"
     LOW = "low"

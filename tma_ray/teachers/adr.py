@@ -21,7 +21,7 @@ class Boundary(NamedTuple):
 
 @dataclass
 class ADR(Teacher):
-    """Box of uniform tasks that grows from a single task where the student does well on its boundary.
+    """Box of uniform tasks, at first a single task, that grows at boundaries on which the student does well.
 
     With probability `boundary_share` one coordinate of a task is set to a random boundary of the box, and the
     return is queued for that boundary. The mean of a full queue moves the boundary out at `expand_at` or

@@ -78,7 +78,7 @@ class AbsoluteLearningProgress:
     Source: Portelas et al. 2019, section 4; the search is over the whole history in raw task units.
     """
 
-    MINIMUM_HISTORY = 5  # number of first tasks whose ALP is 0 (original release; not given in the paper)
+    MINIMUM_HISTORY = 5  # number of initial tasks whose ALP is 0 (original release; not given in the paper)
 
     def __init__(self, size: int) -> None:
         self._history = NearestReturn(size)

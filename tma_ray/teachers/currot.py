@@ -48,7 +48,7 @@ class Performance(NamedTuple):
         return np.concatenate(results).astype(np.float64)
 
 
-CANDIDATES, LINE_CANDIDATES = 20, 10  # per particle, in the ball around it, and on the line to its target
+CANDIDATES, LINE_CANDIDATES = 20, 10  # per particle: in a ball around it, on the line to its target
 
 
 def moved(
@@ -76,7 +76,7 @@ def moved(
     noise *= rng.random((count, CANDIDATES, 1)) ** (1 / size)
     backwards = np.minimum((noise * directions).sum(axis=-1, keepdims=True), 0.0)
     noise -= np.where(ready, 2 * backwards, 0.0) * directions
-    shares = np.linspace(0, 1, LINE_CANDIDATES + 1)[None, :, None]  # with 0 for the particle itself
+    shares = np.linspace(0, 1, LINE_CANDIDATES + 1)[None, :, None]  # 0 is the particle itself
     offsets = np.concatenate([reach * shares * directions, reach * noise], axis=1)
     candidates = np.clip(particles[:, None] + offsets, 0.0, 1.0)
     expected = performance(candidates.reshape(-1, size)).reshape(count, -1)
@@ -88,7 +88,7 @@ def moved(
     return positions
 
 
-WIDEST_NOISE = 0.25  # additional noise around the worst task: standard deviation, as a share of each range
+WIDEST_NOISE = 0.25  # standard deviation of the extra noise around the worst task, as a share of each range
 
 
 @dataclass
@@ -140,7 +140,7 @@ class SuccessBuffer:
         return left_out
 
     def draw(self, rng: np.random.Generator, count: int, narrowest: float) -> Array:
-        """Draw `count` points (count, f) around the stored tasks, with more noise around low returns.
+        """Draw `count` points (count, f) around the stored tasks, with more noise around those of low return.
 
         Noise around successes has the standard deviation `narrowest`, as a share of each range.
         """
@@ -160,7 +160,7 @@ class SuccessBuffer:
         return float(np.median(self.returns)) if len(self.returns) else -np.inf
 
 
-NARROWEST = 0.005  # noise around successes, as a share of a move's radius (authors' code)
+NARROWEST = 0.005  # standard deviation of noise around successes, as a share of the radius (authors' code)
 JITTER = 1e-3  # half width of a task's uniform noise, as a share of each range (authors' code)
 
 

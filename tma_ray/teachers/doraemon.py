@@ -125,7 +125,7 @@ class EntropyUpdate:
     largest: float  # upper bound of the parameters; the lower bound is 1
 
     def solved(self) -> BetaProduct:
-        """Return the feasible distribution of highest entropy, or if none is feasible, of highest success."""
+        """Return the feasible distribution of highest entropy, or else the one of highest success."""
         start = self.present.logs
         if self.success(start)[0] < self.least_success:
             start = self._best(start, self.success, (), self.success(start)[0])

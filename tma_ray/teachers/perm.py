@@ -133,7 +133,7 @@ class PERM(Teacher):
         self.ability_ = 0.0
 
     def sample(self) -> Task:
-        """Return a task (d,) of suitable difficulty, or a uniform one."""
+        """Return a task (d,) of suitable difficulty or, with probability `explore`, a uniform one."""
         if self.rng.random() < self.explore:
             return self.space.sample(self.rng)
         return self._suitable(self.rng)
@@ -151,7 +151,7 @@ class PERM(Teacher):
         return np.stack([self._suitable(rng) for _ in range(count)])
 
     def features(self, points: Array) -> Array:
-        """Return the values (n, m) of the bumps, minus their means, at `points` (n, f) in the unit box."""
+        """Return the centred Gaussian bumps (n, m) of the difficulty at `points` (n, f) in the unit box."""
         from scipy.spatial.distance import cdist  # deferred, so that listing teachers does not import scipy
         from scipy.special import ndtr
 

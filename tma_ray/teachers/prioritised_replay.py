@@ -104,8 +104,8 @@ class TaskBuffer:
 
     size: int  # number d of dimensions of a task
     capacity: int  # largest number of tasks
-    temperature: float  # beta
-    staleness_share: float  # rho, in [0, 1]
+    temperature: float  # beta in the paper
+    staleness_share: float  # rho in the paper, in [0, 1]
     tasks: Task = field(init=False)  # (k, d)
     scores: Array = field(init=False)  # (k,)
     staleness: Array = field(init=False)  # number of replays since the task was played (k,)

@@ -59,7 +59,7 @@ class Region:
 
     @property
     def progress(self) -> float:
-        """Absolute learning progress: |mean return of the later half - of the earlier half|.
+        """Absolute learning progress: |mean return of the later half - mean return of the earlier half|.
 
         An odd number gives the earlier half one more; up to 2 episodes make no progress. Running sums keep
         the cost constant.
@@ -74,7 +74,7 @@ class Region:
     def add(self, task: Task, episodic_return: float) -> None:
         """Append an episode, replacing the oldest one if the region is full."""
         if not self.returns:
-            self._origin = episodic_return  # subtracted, so that equal returns give exactly 0
+            self._origin = episodic_return  # subtracted so that equal returns give a progress of exactly 0
         self.tasks.append(task)
         self.returns.append(episodic_return)
         self._sums.append(self._sums[-1] + (episodic_return - self._origin))

@@ -38,7 +38,7 @@ SHAPES = {
 }
 """Names and shapes of the weight matrices, from the input [x, theta] to the output [ground, ceiling]."""
 
-BLOCK_POINTS = 50  # rows of a matrix product, so few that BLAS starts no threads, which would change bits
+BLOCK_POINTS = 50  # rows of a matrix product; few enough that BLAS starts no threads, which would change bits
 
 DEFAULT_WEIGHTS = Path(__file__).parent / "data" / "cppn.npz"  # found by docs/making/search_cppn_weights.py
 

@@ -177,7 +177,7 @@ def _step_row(board: Integers, row: int) -> None:
         integers = carray(cp.as_pointer(integers_at), integers_size, np.int64)
         simulation_in(floats, integers).action[:] = actions[row]
         rewards[row], ended[row] = step(floats, integers, observations[row])
-    except Exception:  # `_step_worlds` raises after all steps
+    except Exception:  # `_step_worlds` raises once all worlds are done
         _add(board[FAILED:].ctypes.data, 1)
 
 
@@ -280,7 +280,7 @@ class EngineBatch:
     ) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.bool_]]:
         """Advance the worlds `rows` (k,) with `actions` (k, a); see `Engine.step`.
 
-        Results have the same bits as one by one. The method is not thread-safe.
+        Results are bit for bit those of stepping the worlds one by one. The method is not thread-safe.
 
         Raises:
             ValueError: if actions have another shape or are not finite.

@@ -276,7 +276,7 @@ def let_go(simulation: SimulationState) -> None:
 def take_hold(
     simulation: SimulationState, body: StepArrays, world: World, swinging: Integers, error_bias: float
 ) -> None:
-    """Close each grip whose action is positive around the object that it touches, if any."""
+    """Close each grip with a positive action around the object that it touches, if any."""
     joints, grips = len(simulation.commands), simulation.grips
     update_grip_contacts(simulation.state, simulation.rotations, body, world, simulation.points, grips)
     for sensor in range(len(simulation.holds)):

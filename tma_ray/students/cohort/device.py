@@ -30,7 +30,7 @@ def upload(values: NDArray[Any], device: torch.device) -> torch.Tensor:
     tensor = torch.from_numpy(np.ascontiguousarray(values))
     if device.type == "cpu":
         return tensor
-    return tensor.pin_memory().to(device, non_blocking=True)  # torch keeps the pinned memory until copied
+    return tensor.pin_memory().to(device, non_blocking=True)  # torch frees the pinned memory after the copy
 
 
 def keep_pages() -> None:
@@ -43,7 +43,7 @@ def keep_pages() -> None:
 
 WARM_UP = 3  # executions before the capture of a graph, to initialise libraries
 
-COMPILE_MODE = "max-autotune-no-cudagraphs"  # fuses elementwise operations, without capturing a graph
+COMPILE_MODE = "max-autotune-no-cudagraphs"  # without CUDA graphs, which `Repeated` captures
 MOST_SHAPES = 128  # largest number of shapes for which torch compiles a function in one process
 
 

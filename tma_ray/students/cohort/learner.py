@@ -45,7 +45,7 @@ class StackedLearner(ABC):
         self._rows: dict[int, Repeated] = {}
 
     def leave(self, slot: int) -> None:
-        """Clear `slot`, leaving no updates due, no experience, and all parameters 0."""
+        """Clear `slot`: discard pending updates and experience, and set all parameters to 0."""
         self.owed[slot] = 0
         self._owed[slot].fill_(0)
         for memory, _ in self._parameter_groups():
@@ -110,7 +110,7 @@ class StackedLearner(ABC):
 
     @abstractmethod
     def _parameter_groups(self) -> list[tuple[torch.Tensor, torch.Tensor]]:
-        """Return each parameter tensor (k, ..., p) with its unpadded column indices, the actor's first."""
+        """Return pairs of a parameter tensor (k, ..., p) and its unpadded columns' indices, actor first."""
 
     @abstractmethod
     def metrics(self, slot: int) -> dict[str, float]:

@@ -104,7 +104,7 @@ class StackedReplay:
             yield piece[:, : self._o], piece[:-1, self._o : -2], piece[:-1, -2], bool(piece[-2, -1] > 0)
 
     def row(self, slot: int) -> "StackedReplay":
-        """Return a view of only the run in `slot`, for sampling; valid until the next reallocation."""
+        """Return a view restricted to the run in `slot`, for sampling; valid until the next reallocation."""
         return narrowed(self, slot, "kept", "counts", "_table", "_memory")
 
     def newest(self, ages: torch.Tensor) -> torch.Tensor:

@@ -19,7 +19,7 @@ from tma_ray.students.rollout_workers.link import CohortSettings, SharedBuffer
 
 
 def recorded_event() -> torch.cuda.Event:
-    """Record and return an event on the current CUDA stream; waiting for the event does not spin."""
+    """Record an event on the current CUDA stream and return it; waiting for it blocks without spinning."""
     event = torch.cuda.Event(blocking=True)  # type: ignore[no-untyped-call]
     event.record()
     return event
@@ -43,9 +43,9 @@ class Delivery(NamedTuple):
 
 
 FILE_THREADS = 2  # number of threads that read and write checkpoints
-MOST_QUEUED = 2  # batches of updates queued on a GPU; more would delay later requests
+MOST_QUEUED = 2  # largest number of update batches queued on a GPU; more would delay requests
 MOST_UPDATES = 8  # largest number of updates between two polls for requests
-DELIVERY_SECONDS = 0.0005  # time between two polls for finished copies from a GPU, s
+DELIVERY_SECONDS = 0.0005  # time between two polls for finished copies from a GPU, in s
 _LATER = object()  # placeholder for a reply that is sent later
 
 
@@ -193,7 +193,7 @@ class LearnerServer:
             due = [slot for number, slot in self._learning if number == id(stack)]
             if not due:
                 continue
-            slots = due if stack.together else due[:1]  # the run that has waited longest
+            slots = due if stack.together else due[:1]  # one at a time: the run that has waited longest
             count = min(MOST_UPDATES, int(stack.owed[slots].min()))
             stack.advance(count, slots)
             self.account["stacked updates"] += count

@@ -161,7 +161,7 @@ def _flat(values: NDArray[np.floating]) -> torch.Tensor:
 
 
 class LearnerPool:
-    """Stacked learners of a cohort, one per student, observation and action sizes, and hyper-parameters."""
+    """Stacked learners of a cohort, one per combination of student, sizes of spaces and hyper-parameters."""
 
     def __init__(self, settings: CohortSettings) -> None:
         self.settings = settings

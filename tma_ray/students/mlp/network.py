@@ -208,7 +208,7 @@ MODULES: Mapping[Activation, type[nn.Module]] = {Activation.RELU: nn.ReLU, Activ
 
 
 class FlatParameters:
-    """Parameters of modules in one flat vector, of which the modules then use views.
+    """Parameters of modules, moved to one flat vector; the modules' parameters become views of it.
 
     Attributes:
         parameters: parameters of the modules in the order of the vector.
@@ -257,7 +257,10 @@ class FlatParameters:
     def backpropagate(
         self, kept: Sequence[torch.Tensor], gradient: torch.Tensor, others: Sequence[torch.Tensor] = ()
     ) -> None:
-        """Backpropagate the outputs' `gradient` (n, h) through the only network; store those of `others`."""
+        """Backpropagate the `gradient` (n, h) of the outputs through the only network.
+
+        The results and `others`, the gradients of the other parameters, are written to `self.gradient`.
+        """
         (network,) = self.networks
         network.backpropagate(kept, gradient)
         self._keep(others)

@@ -1,4 +1,4 @@
-"""Base classes of students that act with a network, among them rollout workers; none needs torch."""
+"""Base classes of rollout workers and other students that act with a network, importable without torch."""
 
 from __future__ import annotations
 

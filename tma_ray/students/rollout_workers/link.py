@@ -1,4 +1,4 @@
-"""Connection of a rollout worker to the learner of its cohort, without torch."""
+"""Connection of a rollout worker to the learner of its cohort, importable without torch."""
 
 import mmap
 import os
@@ -168,7 +168,7 @@ class LearnerLink:
         return weights
 
     def learn(self, experience: tuple[Any, ...], updates: int) -> Weights | None:
-        """Send experience, wait for the `updates` due, and return new weights, or None without updates."""
+        """Send experience, wait for the `updates` due, and return new weights, or None if it is 0."""
         weights: Weights | None
         if not has_shared_memory():
             weights = self.ask("learn", experience, updates)

@@ -51,7 +51,7 @@ def exploring_step(
 ) -> Step:
     """Return an exploring action at `observation` (o,), with the values stored for learning.
 
-    The `policy` is its log standard deviation (a,) and the bounds of actions (2, a). The `noise` (a,) is
+    `policy` holds the log standard deviation (a,) and the bounds of actions (2, a); the `noise` (a,) is
     standard normal.
     """
     return Step(*_act(network, policy, normaliser.statistics, observation, noise))

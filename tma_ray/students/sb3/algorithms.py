@@ -245,7 +245,8 @@ class AlgorithmStudent(StableBaselinesStudent[Any, Any]):
             model: Any = make_model(cls.algorithm, *boxes, hyperparameters, torch.device("cpu"))
             if isinstance(model, OffPolicyAlgorithm):
                 model.replay_buffer = object()  # type: ignore[assignment]  # the model only acts
-            with single_precision(), torch.random.fork_rng(), _bounded():  # initial weights are random
+            # fork the RNG, since setting up the model draws random initial weights
+            with single_precision(), torch.random.fork_rng(), _bounded():
                 model._setup_model()
         except Exception as error:  # any error, since the saved values are unchecked
             name = cls.algorithm.__name__
@@ -394,7 +395,7 @@ class OffPolicyStudent(AlgorithmStudent):
 
     def _smallest(self, inputs: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:
         values = self.model.critic(inputs, actions)
-        if isinstance(values, torch.Tensor):  # quantiles (n, critics, q)
+        if isinstance(values, torch.Tensor):  # quantiles (n, critics, q) of TQC
             return values.mean(dim=(1, 2))
         return torch.cat(values, dim=1).amin(dim=1)
 

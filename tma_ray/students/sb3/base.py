@@ -98,7 +98,7 @@ class StableBaselinesStudent(ActingStudent, Generic[H, M]):
         """Copy the parameters of `self.model` to the acting networks."""
 
     def _prepare_update(self) -> None:
-        """Create the object that updates `self.model`, after its parameters or optimisers were replaced."""
+        """Create the object that updates `self.model`, whose parameters or optimisers have been replaced."""
 
     @abstractmethod
     def _save_experience(self, folder: Path, incremental: bool, /) -> tuple[dict[str, Any], tuple[str, ...]]:
@@ -159,13 +159,16 @@ class StableBaselinesStudent(ActingStudent, Generic[H, M]):
         self._refresh()
 
     def changed(self, updates: int) -> None:
-        """Set the number of updates, and refresh the acting networks after parameters were changed."""
+        """Set the number of updates and refresh the acting networks; to call after changing parameters."""
         self.model._n_updates = updates
         self._refresh()
 
     @contextmanager
     def _updating(self) -> Iterator[None]:
-        """Context manager for updates with the student's torch stream and precision; refreshes on exit."""
+        """Context manager for updates, with the student's torch stream and precision.
+
+        On exit, the acting networks are refreshed.
+        """
         previous = torch.get_float32_matmul_precision()
         torch.set_float32_matmul_precision(self.hyperparameters.matmul_precision)
         try:
