@@ -119,7 +119,7 @@ def label_of(spec: RunSpec) -> str:
 def known_speeds(
     examples: Mapping[SpeedKey, RunSpec], config: ExecutionConfig, at_once: int
 ) -> Mapping[SpeedKey, Throughput]:
-    """Return speeds from the table, scaled to this machine, and measured ones where the table has none.
+    """Return the speed of each kind of run: from the table, scaled to this machine, or else measured.
 
     Raises:
         ValueError: if a measured run fails.
@@ -161,7 +161,7 @@ def measured_speeds(
     if not examples:
         return {}
     alone = config
-    if config.width or not is_available(config.device):  # for instance if the GPUs are on a cluster
+    if config.width or not is_available(config.device):  # neither can be measured here
         alone = replace(config, device="cpu", cohort=0, resources=replace(config.resources, gpus=0))
     specs = list(examples.values())
     request = pickle.dumps(([spec.to_dict() for spec in specs], alone, contents(specs), sys.path))
@@ -183,7 +183,7 @@ def measured_speeds(
 
 @cache
 def machine_speed(at_once: int) -> float:
-    """Return the speed of a core, in rounds of `ROUNDS` per second, while `at_once` processes run."""
+    """Return the mean speed of a core, in rounds of `ROUNDS` per second, with `at_once` processes running."""
     processes = [
         subprocess.Popen(  # noqa: S603
             [sys.executable, "-c", ROUNDS, str(MACHINE_SECONDS)],
@@ -196,7 +196,7 @@ def machine_speed(at_once: int) -> float:
 
 
 def measure(spec: RunSpec, config: ExecutionConfig) -> Throughput:
-    """Measure the speed of a run on one task without a teacher, in about two seconds.
+    """Measure the speed of a run on a single task, without a teacher; takes about two seconds.
 
     Time is processor time, which other processes hardly affect, or wall time with a GPU.
     """
@@ -206,7 +206,7 @@ def measure(spec: RunSpec, config: ExecutionConfig) -> Throughput:
     values |= {name: min(values[name], most) for name, most in SMALLER.items() if name in values}
     if "updates" in values:
         values["updates"] = (
-            "interleaved"  # updates due after a long episode would take longer than a measurement
+            "interleaved"  # updates postponed to the end of a long episode would outlast the measurement
         )
     parts = base_name(spec.student), observations, actions, np.random.SeedSequence(0), values
     student = make_student(*parts, config.device, threads)
@@ -424,7 +424,7 @@ def estimate(
 
 
 def _learners_and_cores(config: ExecutionConfig, nodes: Nodes, runs: int) -> tuple[int, float]:
-    """Return how many cohorts for `runs` runs fit on `nodes`, and the number of cores left for players."""
+    """Return the number of cohorts for `runs` runs on `nodes`, and the number of cores left for players."""
     player = config.player.cpus
     learners, free = 0, 0.0
     for node in nodes.resources:
@@ -440,7 +440,7 @@ def _learners_and_cores(config: ExecutionConfig, nodes: Nodes, runs: int) -> tup
 def quote(
     plan: Plan, results: str, config: ExecutionConfig, nodes: Nodes | None, *, whole: bool
 ) -> tuple[Cost | None, Cost | None]:
-    """Return the cost of the whole plan (if `whole`, else None) and its `long_cost`, at the same speeds."""
+    """Return the cost of the plan (None unless `whole`) and its `long_cost`, both at the same speeds."""
     cost = estimate(plan, config, nodes=nodes) if whole else None
     return cost, long_cost(plan, results, config, cost.throughputs if cost else None, nodes)
 
@@ -452,7 +452,7 @@ def long_cost(
     speeds: Mapping[SpeedKey, Throughput] | None = None,
     nodes: Nodes | None = None,
 ) -> Cost | None:
-    """Return the cost of the plan's runs missing from `results`, None if they take at most an hour here.
+    """Return the cost of the runs missing from `results`, or None if this machine runs them within an hour.
 
     See `estimate` for `speeds` and `nodes`.
 
@@ -472,7 +472,7 @@ def long_cost(
 
 
 def unfinished(plan: Plan, results: str) -> Plan:
-    """Return `plan` reduced to runs not yet done in a results root; see `check_usable` for errors."""
+    """Return `plan` without the runs already done in the root `results`; see `check_usable` for errors."""
     store = Store.open(results)
     check_usable(store)
     try:

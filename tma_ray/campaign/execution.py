@@ -50,7 +50,7 @@ def execute_plan(
     address: str | None = None,
     view: ProgressDisplay | None = None,
 ) -> Snapshot:
-    """Execute the runs of `plan` missing from a results root, and return the number of runs by outcome.
+    """Execute the runs of `plan` missing from a results root, and return the campaign's final progress.
 
     Invalid input is refused before the first step. Without an address, Ray is started on this machine.
 
@@ -103,7 +103,7 @@ def execute_plan(
                 lease.release()
 
             stop = stack.enter_context(stop_signals())
-            if connection.is_own:  # the head of an existing cluster may come back
+            if connection.is_own:  # only then: the head of an existing cluster may come back
                 watch = exit_on_head_loss(head, plan.name, BEGUN, grace=GRACE_SECONDS, conclude=conclude)
                 stack.enter_context(watch)
             return scheduler.execute(plan.runs, lambda: stop.is_set() or lease.asked_to_stop())
@@ -142,7 +142,7 @@ def check_installation() -> None:
 
 
 def _submit(node: str, task: Any, *arguments: Any) -> Any:
-    """Submit a task to the node with Ray id `node`, or to another if it is gone; return the future."""
+    """Submit a task to the node with Ray id `node`, or to another if that node is gone; return the future."""
     strategy = NodeAffinitySchedulingStrategy(node, soft=True)
     return task.options(scheduling_strategy=strategy).remote(*arguments)
 
@@ -249,7 +249,7 @@ def warm_nodes(specs: Sequence[RunSpec], files: Mapping[str, bytes], shipped: bo
     for (node, recipe), spec in due.items():
         if (node, recipe) not in _tried:
             tasks[node].append(spec.to_dict())
-    # One process per node, since processes start slowly; a new one, since imported plug-ins persist.
+    # One process per node, since processes start slowly, and a fresh one, since imports persist.
     task = ray.remote(max_calls=1, num_cpus=0)(_try_all)
     try:
         ray.get([_submit(node, task, planned, files) for node, planned in tasks.items()])

@@ -69,7 +69,7 @@ def selected_matrices(experiment: Experiment, options: ExperimentOptions) -> tup
 
 
 def chosen_matrices(experiment: Experiment, size: Size, options: ExperimentOptions) -> tuple[Matrix, ...]:
-    """Return the experiment's matrices at the size of a tier, narrowed by the options.
+    """Return the experiment's matrices at `size`, narrowed by the options.
 
     Raises:
         ValueError: if none has a selected stage, challenge, body, level or seed, or the size excludes a body.
@@ -107,7 +107,7 @@ def chosen_matrices(experiment: Experiment, size: Size, options: ExperimentOptio
 
 
 def plan_and_cost(experiment: Experiment, options: ExperimentOptions) -> tuple[Plan, Cost]:
-    """Return the selected runs and their estimated cost, on a cluster if the options include an address."""
+    """Return the plan of the selected runs and its cost, on the cluster if the options include an address."""
     plan, config = experiment_plan(experiment, options), options.config()
     nodes = options.nodes(config.device) if options.address else None
     return plan, estimate(plan, config, nodes=nodes)

@@ -118,7 +118,7 @@ class Retries:
         return tuple(dict.fromkeys(node for node in self._lost_on.get(run_id, ()) if node))
 
 
-LOG_SECONDS = 60.0  # time between two log messages, s
+LOG_SECONDS = 60.0  # minimum time between repeated log messages, s
 MOST_NAMED_RUNS = 3  # largest number of runs that a message names
 
 logger = logging.getLogger(__name__)

@@ -96,7 +96,7 @@ def parse_space(text: str) -> dict[str, tuple[float, float]]:
 
 
 def parse_hours(text: str) -> float:
-    """Return the number of hours in a text such as 8h, 30min or 8."""
+    """Parse a duration such as 8h, 30min or 8 into hours."""
     match = re.fullmatch(r"(\d+(?:\.\d+)?)\s*(h|min)?", text.strip())
     hours = float(match[1]) / (60 if match[2] == "min" else 1) if match else 0.0
     if not 0 < hours < 100_000:  # a larger number must be a mistake
@@ -144,20 +144,20 @@ def parse_levels(names: Sequence[str]) -> tuple[KnowledgeLevel, ...]:
 
 
 def parse_device(text: str) -> str:
-    """Check the name of a torch device, which this machine need not have, and return it."""
+    """Check and return the name of a torch device, which this machine need not have."""
     check_device(text)
     return text
 
 
 def parse_results(text: str) -> str:
-    """Check the folder or address of a results root to write to, and return it."""
+    """Check and return the folder or address of a results root to write to."""
     if "://" not in root(text):
         Store.open(text).check_location()
     return text
 
 
 def parse_source(text: str) -> str:
-    """Check the folder or address of an existing results root or release, and return it."""
+    """Check and return the folder or address of an existing results root or release."""
     try:
         check_root(Store.open(root(text)))
     except OSError as error:
@@ -166,7 +166,7 @@ def parse_source(text: str) -> str:
 
 
 def parse_address(text: str) -> str:
-    """Check the address of a Ray cluster, which need not be reachable, and return it."""
+    """Check and return the address of a Ray cluster, which need not be reachable."""
     host_and_port(text)
     return text
 

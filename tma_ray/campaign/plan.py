@@ -63,7 +63,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class CampaignSpec:
-    """A set of cells with seeds and a budget.
+    """Set of cells to run, with seeds and a budget.
 
     Attributes:
         name: letters, digits, "_" and "-"; part of file names.
@@ -139,7 +139,7 @@ def cells_of(
 
 
 def lease_holder(campaign: str) -> str:
-    """Return the name under which a campaign holds the lease of a root."""
+    """Return the name under which a campaign holds the lease on a root."""
     return f"campaign {campaign!r} on {platform.node()}, process {os.getpid()}"
 
 

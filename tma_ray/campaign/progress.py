@@ -44,7 +44,7 @@ def learner_line(learner: LearnerProgress) -> str:
     )
 
 
-MAX_ROWS = 20  # largest number of runs shown on a terminal
+MAX_ROWS = 20  # largest number of runs in the live table
 
 
 @dataclass(frozen=True)
@@ -304,8 +304,8 @@ class Observer:
 
 STATES = (RunStatus.DONE, RunStatus.RUNNING, INTERRUPTED, RunStatus.FAILED, WAITING)
 MAX_ERRORS, MAX_RUNS = 5, 3  # largest number of errors listed, and of runs listed per error
-MIN_NAME_WIDTH = 32  # width of the first column, in characters
-REFRESH_SECONDS = 5.0  # time between two updates of the live status, s
+MIN_NAME_WIDTH = 32  # minimum width of the first column, in characters
+REFRESH_SECONDS = 5.0  # interval between updates of the live status, s
 
 
 def show_status(root: str | Path, cells: bool = False, console: Console | None = None) -> bool:
@@ -347,7 +347,7 @@ def _status_page(root: str | Path, overview: Overview, cells: bool, now: float) 
         runs = _distinct(chain.from_iterable(by_cell.values()))
         done = sum(run.state == RunStatus.DONE for run in runs)
         speed = sum(run.steps_per_second for run in runs)
-        budget = max((run.steps for run in runs), default=0)  # also assumed for waiting runs
+        budget = max((run.steps for run in runs), default=0)  # assumed for waiting runs, too
         left = sum((run.steps or budget) - run.step for run in runs if run.state != RunStatus.FAILED)
         eta = f", {speed:,.0f} steps/s, about {duration(left / speed)} left" if speed else ""
         headline = f"\ncampaign {campaign}: {done}/{len(runs)} runs done{eta}"
@@ -388,7 +388,7 @@ def _grid(groups: dict[str, list[RunState]]) -> Grid:
 
 
 def _failures(root: str | Path, runs: Sequence[RunState]) -> Iterator[str]:
-    """Yield lines with the distinct errors, most frequent first, and commands to inspect and repeat runs."""
+    """Yield lines with the distinct errors, most frequent first, then commands to inspect and rerun them."""
     kinds: dict[str, list[str]] = {}
     for run in runs:
         if run.state == RunStatus.FAILED:

@@ -18,7 +18,7 @@ from tma_ray.tasks import KnowledgeLevel
 TEACHER_FIELDS = ("teacher", "teacher_hyperparameters", "expert_knowledge", "seed", "repeat")
 """Fields of a spec that may differ between teachers."""
 
-COMPONENT_FIELDS = ("plugins", "algorithm_versions", "inputs")  # fields with one entry per component
+COMPONENT_FIELDS = ("plugins", "algorithm_versions", "inputs")  # spec fields with one entry per component
 
 
 @dataclass(frozen=True)
@@ -212,7 +212,7 @@ def run_like(name: str, release: str, core: Collection[str], options: CampaignOp
 
 
 def rerun_plan(root: str, names: Sequence[str], *, failed: bool) -> Plan:
-    """Return a plan of unfinished runs, given by id or prefix, and of all failed runs if `failed`.
+    """Return a plan of the unfinished runs `names` (ids or prefixes), and of all failed runs if `failed`.
 
     Raises:
         ValueError: if nothing is named, a run does not exist or is done, or an edited plug-in

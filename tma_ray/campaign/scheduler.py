@@ -16,7 +16,7 @@ from tma_ray.runs.attempt import Report
 from tma_ray.runs.checkpoints import Checkpoints
 from tma_ray.runs.spec import RunSpec
 
-STOPPING_POLL_SECONDS = 0.2  # time between two polls while runs write their last checkpoints, s
+STOPPING_POLL_SECONDS = 0.2  # interval between polls while runs write their last checkpoints, s
 
 logger = logging.getLogger(__name__)
 
@@ -117,7 +117,7 @@ class Scheduler:
             self._committer.call(Committer.finish, record, number, ending.files)
             Checkpoints(self._store, record.run_id, number).drop()
             self._done += 1
-        if ending.without_fault and running.report is None:  # the attempt has not begun
+        if ending.without_fault and running.report is None:  # the attempt had not begun to train
             self._committer.call(Committer.withdraw, record.run_id, number)
         else:
             self._record(running, ending.outcome)
@@ -143,7 +143,7 @@ class Scheduler:
             self._fail(running, f"it was lost {self._retries.losses(loss.run_id)} times, last: {loss.reason}")
 
     def _stop(self) -> None:
-        """Stop all runs with checkpoints, waiting for at most the grace period."""
+        """Stop all runs after a last checkpoint, waiting for at most the grace period."""
         self._executor.stop()
         deadline = time.monotonic() + self._settings.grace_seconds
         while self._running and time.monotonic() < deadline:

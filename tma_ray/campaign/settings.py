@@ -1,4 +1,4 @@
-"""Configuration of a campaign's execution, which does not affect its results, and addresses of clusters."""
+"""Configuration of a campaign's execution, on which no result depends, and addresses of clusters."""
 
 import os
 import re
@@ -58,7 +58,7 @@ class Resources:
 
     @property
     def threads(self) -> int:
-        """Torch's threads per run."""
+        """Number of torch threads per run."""
         return max(1, int(self.cpus))
 
     def fit_into(self, node: Mapping[str, float]) -> int:
@@ -85,7 +85,7 @@ class Nodes:
 
 
 def this_machine() -> Nodes:
-    """Return this machine with its usable cores, one GPU, and unlimited memory."""
+    """Return this machine as a single node, with its usable cores, one GPU and unlimited memory."""
     resources = {"CPU": float(usable_cores()), "GPU": 1.0, "memory": PLENTY}
     return Nodes((resources,), "as on this machine")
 

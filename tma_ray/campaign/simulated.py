@@ -35,7 +35,7 @@ FRACTION = 64
 
 
 class SimulatedRoot:
-    """Results root for simulated runs, written one by one with expected returns and episode lengths.
+    """Results root of simulated runs; each run is written with its expected returns and episode lengths.
 
     Raises:
         ResultsRootError: if the folder has other files.

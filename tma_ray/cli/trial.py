@@ -126,7 +126,7 @@ def _started(options: TrialOptions, trial: _Trial, plans: list[Plan]) -> int:
 
 @dataclass
 class _Trial:
-    """A running trial.
+    """State of a running trial.
 
     Attributes:
         store: results root.

@@ -250,7 +250,7 @@ def _target_of(implementation: object) -> str:
 
 
 def _identity(implementation: object) -> str:
-    """Return the module and name, which are the same in a script and in a process that imports it."""
+    """Return the qualified name of `implementation`, the same in a script and in processes that import it."""
     module = getattr(implementation, "__module__", "?")
     with contextlib.suppress(ValueError):  # raised in interactive sessions
         module = importable_name(module)

@@ -308,7 +308,7 @@ def _one_from_text(text: str, annotations: tuple[Any, ...]) -> Any:
 
 
 def _items_from_text(text: str, annotation: Any) -> Any:
-    """Parse `text` as a list or a JSON mapping; return other mappings unchanged."""
+    """Parse `text` as a list, or as JSON; return it unchanged if a mapping is expected but it is not JSON."""
     if text[:1] in ("[", "{"):
         with suppress(ValueError):
             return json.loads(text)

@@ -50,7 +50,7 @@ def terminal(console: Console | None = None, **settings: Any) -> Console:
 
 
 def print_line(text: str) -> None:
-    """Print a text without rich's colours or line breaks."""
+    """Print a text without rich's highlighting and line wrapping."""
     terminal().print(text, highlight=False, soft_wrap=True)
 
 

@@ -15,7 +15,7 @@ SCHEMES: Final = ("s3", "gs", "gcs", "abfs", "abfss", "hdfs", "viewfs", "file", 
 
 
 def root(text: str) -> str:
-    """Check the folder or address of a results root, which need not exist, and return it."""
+    """Check and return the folder or address of a results root, which need not exist."""
     check_visible(text, "a folder, s3://bucket/folder or gs://bucket/folder")
     if "://" not in text:
         folder(text)

@@ -62,7 +62,7 @@ class CurriculumServer:
 
 
 class SharedCurriculum:
-    """Handle of a curriculum for use in other processes, pickled or forked.
+    """Picklable handle of a curriculum for use in other processes, including forked ones.
 
     Created by `Curriculum.shared`. It connects on first use to the process of the curriculum, which must be
     alive.

@@ -31,7 +31,7 @@ class StaleAttemptError(RuntimeError):
 
 
 def accepted_manifest(store: Store, run_id: str, attempt: int) -> Manifest | None:
-    """Return the manifest of a run that `attempt` may continue, or None if it is missing or damaged.
+    """Check that `attempt` may continue a run; return the run's manifest, None if missing or damaged.
 
     Raises:
         StaleAttemptError: if a later attempt is accepted, or the run is done.
@@ -238,7 +238,7 @@ class Committer:
         return any(row["attempt"] == attempt for row in self._rows_before(Table.ATTEMPTS, path))
 
     def _replace(self, published: Manifest | None, new: Manifest) -> None:
-        """Write the row of a run, and then its manifest, which must never lack a row."""
+        """Write the row of a run, and then its manifest, since a manifest must never lack a row."""
         if published is None or published.row() != new.row():
             row = to_arrow(Table.RUNS, SCHEMAS[Table.RUNS], [new.row()])
             self.store.write_bytes(layout.table_path(Table.RUNS, new.run.run_id), encode(Table.RUNS, row))
@@ -256,7 +256,7 @@ class Committer:
         self.store.write_bytes(path, encode(table, to_arrow(table, SCHEMAS[table], ordered)))
 
     def _rows_before(self, table: Table, path: str) -> list[dict[str, Any]]:
-        """Return the rows of a file to be replaced; none if it is missing or damaged, which is logged."""
+        """Return the rows of a file to be replaced, none if it is missing or damaged; damage is logged."""
         try:
             rows: list[dict[str, Any]] = decode(table, self.store.read_bytes(path)).to_pylist()
         except FileNotFoundError:

@@ -81,7 +81,7 @@ def experiments_of(results: Results, run_ids: Collection[str] | None = None) -> 
 
 
 def grouped(manifests: Sequence[Manifest], experiments: Mapping[str, str]) -> dict[str, list[Manifest]]:
-    """Return the manifests by experiment (its name made fit for file names), sorted by run id."""
+    """Group manifests by experiment (its name made safe for file names), each group sorted by run id."""
     groups: dict[str, list[Manifest]] = {}
     for manifest in sorted(manifests, key=lambda manifest: manifest.run.run_id):
         experiment = experiments.get(manifest.run.run_id, SINGLE_RUNS)

@@ -69,7 +69,7 @@ def _check_content(store: Store) -> None:
 
 
 def create_root(store: Store) -> None:
-    """Make an empty store a results root, or add a missing `ROOT_FILE` to a root of this version.
+    """Turn an empty store into a results root, or add a missing `ROOT_FILE` to a root of this version.
 
     Raises:
         ResultsRootError: if it holds something else, or a root of another version.

@@ -1,4 +1,4 @@
-"""Exclusive lease of a results root, and the heartbeat of the campaign that holds it."""
+"""Exclusive lease on a results root, and the heartbeat of the campaign that holds it."""
 
 import json
 import logging
@@ -47,7 +47,7 @@ class Process:
         return not Path(f"/proc/{self.pid}").exists()
 
 
-HEARTBEAT_SECONDS: Final = 15.0  # time between two heartbeats, s
+HEARTBEAT_SECONDS: Final = 15.0  # minimum interval between heartbeats, s
 SILENT_SECONDS: Final = 120.0  # time without heartbeats after which a campaign counts as dead, s
 
 
@@ -182,7 +182,7 @@ class StopRequest:
 
 LEASE_SECONDS: Final = 120.0  # time without renewal after which a lease expires, s
 CREATION_SECONDS: Final = 0.2  # time allowed for creating a lease on a disk without hard links, s
-STOP_CHECK_SECONDS: Final = 3.0  # time between two checks for a request to stop, s
+STOP_CHECK_SECONDS: Final = 3.0  # minimum interval between checks for a stop request, s
 
 logger = logging.getLogger(__name__)
 
@@ -196,7 +196,7 @@ class RootInUseError(RefusedError):
 
 
 class Lease:
-    """Exclusive lease of a results root, valid as long as it is renewed at least every `seconds`.
+    """Exclusive lease on a results root, valid as long as it is renewed at least every `seconds`.
 
     Leases are created and replaced by conditional writes (`Store.create`, `Store.replace`), so that exactly
     one of several processes gets it. On a network folder without locks, the lease is read back, and its first
@@ -309,7 +309,7 @@ class Lease:
     def release(self) -> None:
         """Delete the lease, unless another campaign has replaced it."""
         try:
-            self.renew()  # no other campaign may take it over before it is deleted
+            self.renew()  # so that no other campaign can take it over before it is deleted
         except RootInUseError:
             return
         self.store.delete(STOP_FILE)

@@ -157,7 +157,7 @@ def write_index(store: Store, manifests: Iterable[Manifest]) -> None:
 
 def read_index(store: Store, text: str = "") -> Iterator[tuple[str, Manifest | Exception]]:
     """Yield the name and manifest (an error if damaged) of each index line that contains `text`."""
-    if not store.holds(INDEX_FILE):  # the file is usually missing, and `status` polls it
+    if not store.holds(INDEX_FILE):  # usually missing, and `status` checks it repeatedly
         return
     try:
         with gzip.GzipFile(fileobj=io.BytesIO(store.read_bytes(INDEX_FILE))) as file:

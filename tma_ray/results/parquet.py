@@ -16,7 +16,7 @@ from tma_ray.support.decoding import MOST_FILE_BYTES, DamagedFileError
 
 _Fields: TypeAlias = dict[int, Any]  # fields of a Thrift structure by number
 PAGE_BYTES: Final = 1024  # added to the size of every page, since even empty pages take time
-_VALUE_BYTES: Final = 8  # size of a number or of a text's offset
+_VALUE_BYTES: Final = 8  # size of a number, or of the offset of a string
 
 _NUMBERS: Final = ("BOOLEAN", "INT32", "INT64", "FLOAT", "DOUBLE")
 _PLAIN, _LENGTHS_APART, _BY_DICTIONARY = 0, 6, (2, 8)  # Parquet's encodings
@@ -44,7 +44,7 @@ def unpacked_sizes(
                 encoding = page.get(_DATA_2, {}).get(4, page.get(_DATA, {}).get(2, _PLAIN))
                 if chunk.physical_type in _NUMBERS or encoding in (_PLAIN, _LENGTHS_APART):
                     size = page[_SIZE] + _VALUE_BYTES * _count(page)
-                else:  # texts of at most `largest` bytes each, from the dictionary
+                else:  # strings of at most `most` bytes each
                     most = largest if encoding in _BY_DICTIONARY else page[_SIZE]
                     size = _count(page) * (_VALUE_BYTES + most)
                 yield PAGE_BYTES + size
@@ -75,7 +75,7 @@ def _pages(source: Any, chunk: Any) -> Iterator[_Fields]:
 
 
 def _structure(data: bytes, offset: int) -> tuple[_Fields, int]:
-    """Return the integers and nested structures of a Thrift structure (compact protocol), and its end."""
+    """Parse a Thrift structure (compact protocol); return its integers and nested structures, and its end."""
     fields: _Fields = {}
     number = 0
     while data[offset]:
@@ -275,7 +275,7 @@ def _present(file: pq.ParquetFile, columns: Sequence[str]) -> list[str]:
 
 
 def _completed(table: Table, columns: Sequence[str], rows: pa.Table) -> pa.Table:
-    if rows.schema.equals(_selected(table, tuple(columns))):  # the usual case, which is fast
+    if rows.schema.equals(_selected(table, tuple(columns))):  # fast path for the usual case
         return rows
     try:
         return completed(SCHEMAS[table], columns, rows)
@@ -343,7 +343,7 @@ def _leaves(path: str, kind: pa.DataType) -> Iterator[tuple[str, pa.DataType]]:
 
 PUBLISHED_FILE: Final = "published.parquet"
 
-MOST_PUBLISHED_BYTES: Final = 2**26  # limit on the memory of published results
+MOST_PUBLISHED_BYTES: Final = 2**26  # limit on the memory that published results take when read
 
 _NAMES = pa.list_(pa.field("element", pa.string(), nullable=False))
 _PERCENT = {"unit": "% of the test tasks"}

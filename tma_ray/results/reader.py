@@ -46,7 +46,7 @@ KEYS: Final = {Table.ATTEMPTS: (RUN_ID, "attempt"), Table.CELLS: (RUN_ID,)}
 """Key columns of tables about runs."""
 
 _THREADS: Final = 16  # may exceed the number of cores, since threads mostly wait for disks or object stores
-_SETTLED_NS: Final = 5_000_000_000  # age after which rewriting a file changes its modification time, ns
+_SETTLED_NS: Final = 5_000_000_000  # age from which any rewrite of a file changes its modification time, ns
 _SMALL_ROWS: Final = 20_000  # files with fewer rows take less time to decode than to pass to a thread
 
 

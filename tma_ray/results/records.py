@@ -149,7 +149,7 @@ CHIPMUNK: Final = "Chipmunk"  # engine of tma_ray, the default of specs without 
 BOX2D: Final = "Box2D"  # engine of the original release
 SIMULATED: Final = "Simulated students"  # pseudo-engine of students without physics
 NO_PHYSICS_VERSION: Final = 0  # physics version of runs with other engines
-BOX2D_TEST_SET: Final = "box2d_"  # prefix of test sets for Box2D's worlds
+BOX2D_TEST_SET: Final = "box2d_"  # prefix of the names of test sets for Box2D worlds
 
 TRIAL_FILE: Final = "trial.json"
 

@@ -85,7 +85,7 @@ class Inspector:
 
     def inspect_all(self, manifests: Sequence[Manifest]) -> Iterator[tuple[Manifest, Inspection]]:
         """Yield each manifest with the inspection of its files."""
-        # one thread reads small files from a disk faster
+        # a single thread reads small files from a disk faster than several
         with ThreadPoolExecutor(_THREADS if self._store.is_object_store else 1) as executor:
             yield from zip(manifests, executor.map(self._inspect, manifests), strict=True)
 

@@ -241,7 +241,7 @@ def effective_spec(cell: Cell, seed: int, schedule: Schedule, *, independent_lev
 
 
 def _world(cell: Cell, options: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
-    """Return the body's canonical name, and the fields of the spec set by challenge and environment.
+    """Return the body's canonical name, and the spec fields that challenge and environment determine.
 
     Resets are given as shares of the budget.
     """

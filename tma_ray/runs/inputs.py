@@ -216,7 +216,7 @@ def fetch(store: Store, spec: RunSpec) -> None:
 
 
 def fetch_beside(folder: Path, spec: RunSpec) -> None:
-    """Read the input files of a run, by name, from a folder such as an export.
+    """Read the input files of a run into memory from a folder, such as an export, by their names.
 
     Raises:
         DamagedFileError: if a file has other content.

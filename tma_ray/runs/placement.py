@@ -24,7 +24,7 @@ LIBRARIES = ("numpy", "torch", "stable-baselines3", "gymnasium", "pymunk", "numb
 
 @dataclass(frozen=True)
 class Placement:
-    """Placement of a run, which does not affect its results.
+    """Placement of a run; it does not affect results.
 
     Attributes:
         device: torch's name of the device of the networks.
@@ -84,13 +84,13 @@ def check_device(device: str) -> None:
 
 
 def check_available(device: str) -> None:
-    """Check that this machine has a device."""
+    """Check that this machine has `device`."""
     if not is_available(device):
         raise ValueError(f"device {device!r}: torch finds none on this machine; use 'cpu'")
 
 
 def is_available(device: str) -> bool:
-    """Return True if this machine has a device."""
+    """Return True if this machine has `device`."""
     kind = device.partition(":")[0]
     if kind == "cpu":
         return True

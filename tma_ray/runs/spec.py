@@ -144,7 +144,7 @@ class RunSpec:
 
     @property
     def embodiment(self) -> str:
-        """Name of the body, or an empty text for environments without bodies."""
+        """Name of the body, or an empty string for environments without bodies."""
         return str(self.environment_options.get("embodiment", ""))
 
     @cached_property

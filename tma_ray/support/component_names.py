@@ -24,7 +24,7 @@ ESCAPES = str.maketrans({character: f"%{ord(character):02X}" for character in ":
 
 
 def split_name(text: str) -> tuple[str, dict[str, str]]:
-    """Return a component's name without settings, and the values of its settings as texts, by key.
+    """Return a component's name without settings, and the values of its settings as strings, by key.
 
     Raises:
         ValueError: if a setting occurs twice.
@@ -64,7 +64,7 @@ def _parted(text: str) -> tuple[str, str]:
 
 
 def nearest(name: str, candidates: Iterable[str]) -> str:
-    """Return a hint that suggests the candidate most similar to `name`, or an empty text if none is similar.
+    """Return a hint that suggests the candidate closest to `name`, or an empty string if none is close.
 
     Examples:
         >>> nearest("Alp_gm", ["random", "alp_gmm"])

@@ -16,7 +16,7 @@ _FACTORS: Final = {"": 1, "k": 1_000, "K": 1_000, "M": 1_000_000}
 
 @dataclass(frozen=True)
 class Quantity:
-    """Kind of number with a range; an instance is a callable that parses texts.
+    """Kind of number with a range; calling an instance parses a string.
 
     Numbers are written as 500000, 500_000, 5e5, 500k, 500K or 20M. Plus signs, infinities and NaN are
     refused.

@@ -13,12 +13,12 @@ CONTROL: Final = re.compile(
 
 
 def counted(number: int, one: str, many: str | None = None) -> str:
-    """Return a number with its noun, as in "1 run" or "1,200 runs"; `many` is an irregular plural."""
+    """Format a number with its noun, as in "1 run" or "1,200 runs"; `many` is an irregular plural."""
     return f"{number:,} {one if number == 1 else many or f'{one}s'}"
 
 
 def duration(seconds: float) -> str:
-    """Return a duration in its two largest units.
+    """Format a duration in its two largest units.
 
     Examples:
         >>> duration(42), duration(200), duration(7300), duration(200_000)
@@ -32,26 +32,26 @@ def duration(seconds: float) -> str:
 
 
 def rounded_duration(seconds: float) -> str:
-    """Return a duration in one unit, as in "12 s", "34 minutes" or "5.6 hours"."""
+    """Format a duration in one unit, as in "12 s", "34 minutes" or "5.6 hours"."""
     if seconds < 120:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} minutes" if seconds < 7200 else f"{seconds / 3600:.1f} hours"
 
 
 def estimated_duration(hours: float) -> str:
-    """Return a duration in one unit, with minutes rounded up, as in "5 min", "1.5 h" or "4 days"."""
+    """Format a duration in one unit, with minutes rounded up, as in "5 min", "1.5 h" or "4 days"."""
     if hours >= 72:
         return f"{hours / 24:,.0f} days"
     return f"{hours:.1f} h" if hours >= 1 else f"{math.ceil(hours * 60)} min"
 
 
 def hours_text(hours: float) -> str:
-    """Return hours with two significant digits, or as a whole number if at least 10."""
+    """Format hours with two significant digits, or as a whole number if at least 10."""
     return f"{hours:,.0f}" if hours >= 10 else f"{hours:.2g}"
 
 
 def size_text(gib: float) -> str:
-    """Return a size in GiB, or in MiB if it is below 1 GiB."""
+    """Format a size in GiB, or in MiB if it is below 1 GiB."""
     return f"{gib:,.1f} GiB" if gib >= 1 else f"{max(1, round(gib * 1024))} MiB"
 
 

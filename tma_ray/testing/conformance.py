@@ -240,7 +240,7 @@ class TeacherConformance:
         return self.teacher.knowledge_levels[-1]
 
     def _started(self, scenario: Scenario, seed: int = 0, level: KnowledgeLevel | None = None) -> Teacher:
-        """Return a started teacher; skip all tests but the first if it does not call `super().start`."""
+        """Return a started teacher; if it does not call `super().start`, fail one test and skip the rest."""
         if self.teacher in _UNSTARTED:
             raise SkipTest(f"{self._name}.start() does not call super().start()")
         try:

@@ -36,15 +36,15 @@ OBJECT_STORE_BYTES: Final = 100_000_000
 CORE: Final = {"gcs_server": "head (GCS)", "raylet": "node manager (raylet)"}
 """Ray's core processes, without which it cannot work: display names by process name."""
 
-HEAD_CHECK_SECONDS: Final = 2.0  # time between two checks of a head, and longest wait for a connection, s
+HEAD_CHECK_SECONDS: Final = 2.0  # interval between checks of a head, and timeout of each connection to it, s
 END_SECONDS: Final = 3.0  # longest wait for processes to end, s
-MARK: Final = "made-by-tma_ray"  # file that marks this package's folders; no other folder is removed
-PREFIX: Final = "tma_ray-"  # prefix of these folders' names
+MARK: Final = "made-by-tma_ray"  # marker file in this package's folders; folders without it are never removed
+PREFIX: Final = "tma_ray-"  # prefix of the names of this package's folders
 
 MAX_PARENT_BYTES: Final = (103 if sys.platform == "darwin" else 107) - len(
     f"/{PREFIX}12345678/ray/session_2026-01-01_00-00-00_123456_1234567/sockets/plasma_store"
 )
-"""Longest path of these folders' parent, in bytes: operating systems limit the paths of sockets."""
+"""Longest allowed path of these folders' parent, in bytes: operating systems limit the paths of sockets."""
 
 
 TOKEN: Final = secrets.token_hex(32)
@@ -111,7 +111,7 @@ class LocalRayWatch:
 
 
 def _lives(process: psutil.Process) -> bool:
-    """Return True if a process runs and is not a zombie."""
+    """Return True if `process` is running and is not a zombie."""
     try:
         return bool(process.is_running() and process.status() != psutil.STATUS_ZOMBIE)
     except psutil.NoSuchProcess:
@@ -189,12 +189,12 @@ class LocalHead:
         if self.is_connected():
             ray.shutdown()
         self._watch.wait()
-        with suppress(OSError):  # the user's next Ray instance removes the rest
+        with suppress(OSError):  # leftovers are removed when this user next starts Ray here
             _remove(folder)
 
 
 def private_folder() -> Path | None:
-    """Return a new private folder for Ray's files, or None if the user has set RAY_TMPDIR.
+    """Create and return a private folder for Ray's files, or return None if the user has set RAY_TMPDIR.
 
     All users of a machine may write into Ray's default folder. This process locks the folder for its
     lifetime; marked folders of this user without a lock are removed.
@@ -227,7 +227,7 @@ def _remove(folder: Path) -> None:
     folder.rmdir()
 
 
-DEFAULT_PATIENCE: Final = 60.0  # Ray's own default of `PATIENCE_SETTING`, s
+DEFAULT_PATIENCE: Final = 60.0  # Ray's own default for `PATIENCE_SETTING`, s
 
 PATIENCE_SETTING: Final = "gcs_rpc_server_reconnect_timeout_s"
 """Ray setting: time without a head after which Ray silently ends every process of the cluster, s."""
@@ -241,7 +241,7 @@ logger = logging.getLogger(__name__)
 
 
 class JoinedHead:
-    """Head of an existing cluster; a thread polls it for its nodes.
+    """Head of an existing cluster; a thread polls it for the cluster's nodes.
 
     A campaign waits for a silent head nearly as long as Ray does (`PATIENCE_SETTING`): a fault-tolerant head
     may come back, and actors continue without it.
@@ -303,7 +303,7 @@ class JoinedHead:
                 socket.create_connection(self._address, timeout=HEAD_CHECK_SECONDS).close()
                 self._nodes = living_nodes()
                 self._answered = time.monotonic()
-            except Exception as error:  # includes Ray's errors, such as those after a shutdown
+            except Exception as error:  # also catches Ray's errors, such as those raised after a shutdown
                 logger.debug("the head of the Ray cluster does not answer: %s", error)
 
 
@@ -312,7 +312,7 @@ class Connection:
     """Connection of this process to Ray.
 
     Attributes:
-        head: watched head.
+        head: monitored head.
         shipped: True if plug-ins were shipped to the workers, which is only possible on a new connection.
         is_own: True if this process started Ray, whose workers then use the same installation.
     """
@@ -357,7 +357,7 @@ def connect(address: str | None, plugins: Sequence[PluginSource] = ()) -> Connec
     return Connection(JoinedHead(), shipped=True, is_own=False)
 
 
-PACKAGE = "tma_ray_plugins"  # folder of the shipped files, which workers import as a package
+PACKAGE = "tma_ray_plugins"  # name of the shipped folder, which workers import as a package
 
 MAX_SHIPPED_BYTES = 20 * 2**20
 """Largest size of shipped files, in bytes: larger data belongs on the nodes or in storage."""

@@ -37,8 +37,8 @@ class Head(Watched, Protocol):
         """Stop monitoring the head; this process stays connected to Ray."""
 
 
-PATIENCE_SECONDS: Final = 20.0  # longest silence of a head during the setup of a campaign, s
-CHECK_SECONDS: Final = 1.0  # time between two checks, s
+PATIENCE_SECONDS: Final = 20.0  # silence after which a head counts as lost during a campaign's setup, s
+CHECK_SECONDS: Final = 1.0  # interval between checks, s
 GRACE_SECONDS: Final = 6.0  # grace period for loops that check the head themselves, s
 
 NOT_BEGUN: Final = "no run had been started; give the same command again"

@@ -75,7 +75,7 @@ def loopback_only() -> Iterator[None]:
 
 
 def sockets_folder() -> Path:
-    """Return Ray's folder for sockets on this node, which has a short path.
+    """Return the folder of Ray's sockets on this node; its path is short.
 
     Ray has no public name for it. Tested by ``tests/campaign/test_cohorts.py``.
     """

@@ -83,7 +83,7 @@ class TeacherActor(InlineTeacher):
 def _remote(
     method: Callable[Concatenate[InlineTeacher, Arguments], Result],
 ) -> Callable[Concatenate[RemoteTeacher, Arguments], Result]:
-    """Return a method of `RemoteTeacher` that calls its actor's `method`, with one message each way."""
+    """Return a method of `RemoteTeacher` that calls `method` on its actor, with one message each way."""
 
     def call(self: RemoteTeacher, /, *arguments: Arguments.args, **options: Arguments.kwargs) -> Result:
         if self.starting is not None:
@@ -135,7 +135,7 @@ class SeedActor:
 
     @classmethod
     def launch(cls, resources: Resources, strategy: Any, *arguments: Any) -> Any:
-        """Return the handle of a new seed actor, placed by a strategy from `node_strategy`."""
+        """Create a seed actor, placed by a strategy from `node_strategy`, and return its handle."""
         return launcher(cls, resources, strategy, SEED_CALLS).remote(*arguments)
 
     def run(self) -> tuple[PartFile, ...] | None:
@@ -185,7 +185,7 @@ WINDOW_SECONDS = 30.0  # time over which speed and utilisation are averaged, s
 LONGEST_TURN = 3600.0
 """Time without a new update after which a learner counts as stuck, s; compiling the first takes minutes."""
 
-TURN_POLL = 5.0  # time between two checks for a stuck learner, s
+TURN_POLL = 5.0  # interval between checks for a stuck learner, s
 
 
 class LearnerActor:
@@ -204,7 +204,7 @@ class LearnerActor:
 
     @classmethod
     def launch(cls, settings: CohortSettings, resources: Resources, node: str) -> Any:
-        """Return the handle of a new learner on the node with Ray id `node`, or on any node for ""."""
+        """Create a learner on the node with Ray id `node` (or, for "", any node), and return its handle."""
         return launcher(cls, resources, node_strategy(node), LEARNER_CALLS).remote(settings)
 
     def open(self) -> tuple[Learner, str]:

@@ -69,14 +69,14 @@ ROW_BYTES = 4.2  # bytes per stored number of a transition; each observation is 
 def learner_resources(
     settings: ExecutionConfig, specs: Iterable[RunSpec], keys: Mapping[str, StackKey]
 ) -> Resources:
-    """Return the resources of the learner of a full cohort of `specs`; GPUs are not shared."""
+    """Return the resources that the learner of a full cohort of `specs` needs; learners do not share GPUs."""
     replays = []
     for spec in specs:
         rows = min(int(spec.student_hyperparameters.get("buffer_size", 0)), spec.schedule.steps)
         key = keys[spec.run_id]
         replays.append(ROW_BYTES * rows * (key.observation + key.action + 2))
     device = settings.device.partition(":")[0]
-    copies = 1 if device == "cuda" else 2  # in the checkpoint and, on a CPU, in the learner
+    copies = 1 if device == "cuda" else 2  # in memory: for the checkpoint and, on a CPU, in the learner
     replay = copies * settings.width * max(replays, default=0.0) / GIB
     return Resources(1.0, float(device == "cuda"), PROCESS_GIB[device] + replay)
 
@@ -214,7 +214,7 @@ class Cohorts:
                 self._end(cohort)
                 continue
             if cohort.learner is None and _is_ready(cohort.opened):
-                with suppress(RayError, MemoryError):  # handled when the end of the run is received
+                with suppress(RayError, MemoryError):  # handled in `_lives`, since `serve` raises it too
                     cohort.learner, node_id = ray.get(cohort.opened)
                     for node in self._head.nodes() if not cohort.node else ():
                         if node["NodeID"] == node_id:
@@ -267,7 +267,7 @@ class Cohorts:
         cohort.report = cohort.actor.report.remote()
 
     def _lives(self, cohort: _Cohort) -> bool:
-        """Return False, and log the reason, if a learner has certainly ended."""
+        """Return True unless a learner has ended or has been silent for too long; then log the reason."""
         if not _is_ready(cohort.ended):
             if cohort.unanswered < self._settings.unreachable_seconds:
                 return True

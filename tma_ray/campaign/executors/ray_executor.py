@@ -89,12 +89,12 @@ class RayExecutor:
         if self._running:
             seconds = 0.0 if self._pending else seconds
             ended, _ = ray.wait(list(self._running), num_returns=1, timeout=seconds)
-            if ended:  # collect all attempts that have ended
+            if ended:  # collect all others that have ended, too
                 ended, _ = ray.wait(list(self._running), num_returns=len(self._running), timeout=0)
         elif not self._pending:
             time.sleep(seconds)
         try:
-            self._head.check()  # checked first, since actors end with their head
+            self._head.check()  # first, since the loss of the head ends all attempts
         except HeadLostError:
             self._connected = False  # further calls would start another Ray instance
             raise
@@ -131,7 +131,7 @@ class RayExecutor:
         ready = set(ray.wait(pending, num_returns=len(pending), timeout=seconds)[0]) if pending else set()
         for running in attempts:
             if running.report in ready:
-                with suppress(RayActorError):  # handled when the result is received
+                with suppress(RayActorError):  # handled in `_end`
                     self._receive(running, ray.get(running.report))
             if running.report is None or running.report in ready:
                 running.report = running.actor.report.remote()

@@ -182,7 +182,7 @@ def _reached(where: str) -> Iterator[None]:
         yield
     except (ObjectStoreError, *_USAGE_ERRORS):
         raise
-    except Exception as error:  # raised by any library
+    except Exception as error:  # libraries raise errors of any type
         causes: list[BaseException] = [error]
         while causes[-1].__cause__ is not None:
             causes.append(causes[-1].__cause__)

@@ -101,7 +101,7 @@ class Store(ABC):
         """Return the store of this kind at a folder or address."""
 
     def recorded(self, sha256: Mapping[str, str]) -> Self:
-        """Return a copy of this store that is limited to files with recorded checksums (by path)."""
+        """Return a copy of this store that only reads the files in `sha256`, and verifies these checksums."""
         limited = copy.copy(self)
         limited._recorded = dict(sha256)
         return limited
@@ -147,7 +147,7 @@ class Store(ABC):
         self.write_bytes(path, json.dumps(asdict(record), indent=indent).encode())
 
     def read_parts(self, path: str, read: Callable[[Any], ResultT]) -> ResultT:
-        """Call `read` with an open file, and return its result; the file must never be replaced."""
+        """Call `read` with the open file and return the result, for files that are never replaced."""
         if self._recorded is None:
             return self._read_parts(path, read)
         if self._last[0] != path:  # cached, since several parts of a file may be read
@@ -248,7 +248,7 @@ class Store(ABC):
 
     @abstractmethod
     def _read_parts(self, path: str, read: Callable[[Any], ResultT]) -> ResultT:
-        """Call `read` with the open file, and return its result."""
+        """Call `read` with the open file and return the result."""
 
     @abstractmethod
     def _names(self, folder: str) -> set[str]:

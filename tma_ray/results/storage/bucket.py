@@ -72,7 +72,7 @@ class BucketStore(Store, schemes=("s3", "gs")):
         """
         scheme, _, rest = uri.partition("://")
         start = re.split("[/?#]", rest)[0]
-        # colons are refused, too: after a slash, the rest of a secret would look like a path
+        # refuse colons, too: in a secret with a slash, everything from the slash on looks like a path
         if "@" in start or ":" in start or "@" in uri.partition("?")[2]:
             raise ValueError(
                 f"a {scheme}:// root must not hold credentials, since roots are shown and logged: give "

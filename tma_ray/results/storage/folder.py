@@ -88,7 +88,7 @@ class FolderStore(Store, schemes=("", "file")):
             write_file(target, self._aside(), data)
 
     def create(self, path: str, data: bytes) -> bool:
-        """Write a new file by creating an exclusive link, or return False if the file exists."""
+        """Write a new file through a hard link to a temporary one, or return False if the file exists."""
         target = self._checked_path(path)
         with explained_disk(self.where(path)):
             return write_file(target, self._aside(), data, exclusive=True)
@@ -226,7 +226,7 @@ def explained_disk(where: str, kinds: Collection[int] | None = None) -> Iterator
 
 
 def write_file(target: Path, temporary: Path, data: bytes, *, exclusive: bool = False) -> bool:
-    """Write a file atomically by renaming a temporary one; if `exclusive`, return False if it exists."""
+    """Write `target` atomically by renaming `temporary`; if `exclusive`, return False if `target` exists."""
     make_folder(target.parent)
     try:
         with temporary.open("wb") as file:
@@ -246,7 +246,7 @@ def write_file(target: Path, temporary: Path, data: bytes, *, exclusive: bool = 
 
 
 def _name_exclusively(temporary: Path, target: Path) -> None:
-    """Rename a file to the new name `target`, or raise a FileExistsError.
+    """Give the file `temporary` the name `target`, or raise a FileExistsError if `target` exists.
 
     On file systems without hard links (FAT, exFAT, SMB, many in user space) an empty file is created first,
     and replaced under the lock of the folder.
@@ -338,7 +338,7 @@ def stamps_below(base: str, folder: str) -> Iterator[tuple[str, Stamp]]:
             except OSError as error:
                 if entry.is_symlink() or not isinstance(
                     error, FileNotFoundError
-                ):  # a concurrent delete is not an error
+                ):  # a concurrent deletion is not an error
                     yield path, (None, None)
                 continue
             if stat.S_ISREG(status.st_mode):
