@@ -86,19 +86,19 @@ def animation(
 
 MEASURE = "mastered_percent"
 
-EARLY = 0.25  # share of the budget at which the second radar is drawn (paper, sample efficiency)
+EARLY = 0.25  # share of the budget after which a second radar is drawn, for the paper's sample efficiency
 
 FILE_NAME = ("experiment", "embodiment", "student", "expert_knowledge")
 """Columns whose values name the files of a comparison, as long as these names are unique."""
 
-STARS = 4  # number of significance stars along a budget: one every 5 of 20 million steps
+STARS = 4  # number of stars per line over the budget, such as one every 5 of 20 million steps
 
 
 @dataclass(frozen=True)
 class Drawing:
     """Figure for a paper: its file name, and the function that draws it."""
 
-    name: str  # name of its files without suffix
+    name: str  # file name without suffix
     draw: Callable[[], Figure | bytes]  # function that returns the figure, or the content of a GIF
 
 
@@ -141,7 +141,7 @@ def _drawn(entry: PaperChart) -> Figure | bytes:
 
 
 def _under_conditions(frames: Frames, final: pd.DataFrame, early: pd.DataFrame) -> Iterator[Drawing]:
-    """Yield the figures of results under the same conditions, at the ends of runs and at `EARLY`."""
+    """Yield the figures of results under the same conditions: `final`, and `early` (after `EARLY`)."""
     for name, runs in (("radar", final), ("radar-early", early)):
         yield Drawing(name, partial(_radar, runs))
     yield from _bars(pooled(final, [MEASURE]), pairwise(final, MEASURE, detectable=False))

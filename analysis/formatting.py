@@ -5,9 +5,9 @@ from collections.abc import Iterable
 
 from tma_ray.support.texts import counted
 
-LISTED, FIRST = 12, 6  # largest number of names listed in full, and number of names shown of a longer list
+LISTED, FIRST = 12, 6  # of more than LISTED names, only the first FIRST are shown
 
-FEW_SEEDS = 10  # number of seeds below which a sentence warns the reader; the paper used 16 to 48
+FEW_SEEDS = 10  # readers are warned of fewer seeds; the paper used 16 to 48
 
 
 def number(value: float, digits: int = 1) -> str:
@@ -52,7 +52,7 @@ def steps_text(steps: float) -> str:
 
 
 def listed(names: Iterable[str]) -> str:
-    """Return names separated by commas; a long list is cut, and ends with ``and 8 more``."""
+    """Return names separated by commas, with a long list truncated to end with ``and 8 more``."""
     texts = list(names)
     if len(texts) <= LISTED:
         return ", ".join(texts)

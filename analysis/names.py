@@ -87,7 +87,7 @@ def marked_label(teacher: str) -> str:
 
 
 def mark_of(teacher: str) -> str:
-    """Return the mark of the reader's own teachers (see `own_first`), empty for others."""
+    """Return the mark of the reader's own teachers (see `own_first`), or an empty string for others."""
     return YOURS if teacher in _OWN.get() else ""
 
 
@@ -99,7 +99,7 @@ def with_settings(name: str, settings: Mapping[str, str]) -> str:
 
 @cache
 def challenge_title(environment: str, challenge: str, otherwise: str | None = None) -> str:
-    """Return the title of a benchmark challenge with its settings; for others `otherwise`, or both names.
+    """Return a benchmark challenge's title with settings, or for any other `otherwise` or both names.
 
     Examples:
         >>> challenge_title("parkour:swinging_creepers=true", "easy", "")
@@ -150,7 +150,7 @@ def short_labels(teachers: Iterable[str], length: int = 22) -> dict[str, str]:
 
 
 def distinct_labels(teachers: Iterable[str]) -> dict[str, str]:
-    """Return the label of each teacher without the settings that all teachers of its name share.
+    """Return the label of each teacher, without settings shared by all teachers with the same base name.
 
     Examples:
         >>> distinct_labels(["perm:budget=2", "plr:budget=2", "plr:budget=2:score=mna"])
@@ -178,12 +178,12 @@ def plain_name(teacher: str) -> str:
 
 
 def title(column: str, value: object) -> str:
-    """Return a value of a result table as a heading: ``Mostly unfeasible``, ``Stump Tracks``."""
+    """Return a heading for a value in a result table's column, such as ``Mostly unfeasible``."""
     if column == "expert_knowledge":
         return f"{'no' if value == KnowledgeLevel.NONE else value} expert knowledge".capitalize()
     if column == "challenge":
         titles = {challenge.title for challenge in CHALLENGES if challenge.name == value}
-        if len(titles) == 1:  # several environments have a challenge named "original"
+        if len(titles) == 1:  # ambiguous for "original", a challenge of several environments
             return titles.pop()
     names = value if isinstance(value, tuple) else (value,)
     if column == "environment":

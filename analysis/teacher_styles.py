@@ -26,7 +26,7 @@ class TeacherStyle(NamedTuple):
     dashes: str | tuple[int, tuple[int, ...]]
 
 
-# Okabe and Ito's colour-blind safe palette, its yellow darkened to be seen on white.
+# Okabe and Ito's colour-blind safe palette, with its yellow darkened to be visible on white.
 _STYLES = {
     "random": TeacherStyle("#4d4d4d", "o", (0, (4, 2))),
     "adr": TeacherStyle("#009e73", "s", "-"),
@@ -38,7 +38,7 @@ _STYLES = {
     "spdl": TeacherStyle("#a89a00", "p", "-"),
 }
 
-# Colours of other teachers, at a CIE L*a*b* distance of at least 30 from each other and from those above.
+# Colours of other teachers, with a CIELAB distance of at least 30 between any two, and to those above.
 _OTHER_COLOURS = (
     "#3333dd", "#e23de2", "#000059", "#e20051", "#00a600", "#590000", "#3d5bf2", "#cc8866",
     "#3c5900", "#cc0088", "#591643", "#ca79f2", "#f20000", "#6e00a6", "#593b00", "#6e53a6",
@@ -108,7 +108,7 @@ def _assigned(teachers: Iterable[str]) -> dict[str, TeacherStyle]:
 def _cost(
     hashed: tuple[int, ...], taken: Collection[tuple[int, ...]], indices: tuple[int, ...]
 ) -> tuple[int, ...]:
-    """Return the cost of a style: uses of colour, of colour and marker, of all three, and changes."""
+    """Return the cost of a style: uses of its colour, of its colour and marker, of all three, and changes."""
     uses = (sum(other[:count] == indices[:count] for other in taken) for count in (1, 2, 3))
     changes = ((new - old) % size for new, old, size in zip(indices, hashed, _SIZES, strict=True))
     return (*uses, *changes)

@@ -1,4 +1,4 @@
-"""Find baselines by name or location, read their manifests, and read several sources as one."""
+"""Baselines by name or location, their manifests, and reading of several sources as one."""
 
 import hashlib
 import json
@@ -232,7 +232,7 @@ def baselines() -> tuple[Baseline, ...]:
 
 
 def newest_release() -> Baseline:
-    """Return the newest of `baselines` that has real students (not simulated ones) and a complete core.
+    """Return the newest of `baselines` whose students are not simulated and whose core is complete.
 
     Raises:
         BaselineError: if there is none, or a baseline is damaged.
@@ -252,7 +252,7 @@ def newest_release() -> Baseline:
 
 
 def find_baseline(name: str | Path) -> Baseline:
-    """Return a baseline by name, folder or address.
+    """Return the baseline with a name, folder or address.
 
     Raises:
         BaselineError: if there is none, or several have the name.
@@ -277,7 +277,7 @@ def find_baseline(name: str | Path) -> Baseline:
 
 
 def as_baseline(root: str | Path) -> Baseline | None:
-    """Return a baseline by name, folder or address, or None for a results root.
+    """Return the baseline with a name, folder or address, or None if it is a results root.
 
     Raises:
         BaselineError: if the baseline is damaged.
@@ -300,7 +300,7 @@ def as_baseline(root: str | Path) -> Baseline | None:
 
 
 def _within(entry: str) -> Iterator[str]:
-    """Yield the location of the baseline at `entry`, or else of all baselines directly below it."""
+    """Yield `entry` if it is a baseline, else the locations of all baselines directly below it."""
     store = Store.open(entry)
     if store.holds(BASELINE_FILE):
         yield entry
@@ -343,7 +343,7 @@ def source_list(sources: Sources) -> tuple[str | Path, ...]:
 
 
 def own_teachers(sources: Sources, frames: Frames) -> frozenset[str]:
-    """Return the teachers (except Random) of results roots that are read together with baselines."""
+    """Return the teachers (except Random) of results roots in `sources`, if these include baselines, too."""
     distinct = source_list(sources)
     roots = [source for source in distinct if as_baseline(source) is None]
     if not 0 < len(roots) < len(distinct):
@@ -354,7 +354,7 @@ def own_teachers(sources: Sources, frames: Frames) -> frozenset[str]:
 
 
 def published(sources: Sources) -> Baseline | None:
-    """Return the baseline if it is the only source and has published results, else None."""
+    """Return the baseline if `sources` is a single baseline with published results, else None."""
     distinct = source_list(sources)
     baseline = as_baseline(distinct[0]) if len(distinct) == 1 else None
     return baseline if baseline and baseline.manifest.kind is BaselineKind.PUBLISHED else None

@@ -44,7 +44,7 @@ def card(
         ceilings: sentences about the bounds of the results.
         paths: paths of non-empty files of tables, for a configuration of the data set per table.
     """
-    from jinja2 import Environment, PackageLoader, StrictUndefined  # deferred: only writing a card needs it
+    from jinja2 import Environment, PackageLoader, StrictUndefined  # deferred: needed only for cards
 
     environment = Environment(  # noqa: S701 - Markdown, with all values escaped
         loader=PackageLoader("analysis.baselines"),
@@ -73,7 +73,7 @@ def _configurations(paths: Iterable[str]) -> dict[str, str]:
 
 
 def holdings(columns: Mapping[str, Sequence[Any]], counts: Mapping[str, int]) -> dict[str, Any]:
-    """Return the contents of a baseline as JSON values: distinct values by column, and counts."""
+    """Return the contents of a baseline as JSON values: the distinct values of each column, and `counts`."""
     distinct = {name: sorted(set(values)) for name, values in columns.items()}
     return {name: values for name, values in distinct.items() if values and values != [""]} | dict(counts)
 
@@ -94,7 +94,7 @@ def _safe(text: str) -> str:
 
 
 def _ranges(numbers: Sequence[int]) -> str:
-    """Return numbers as text with ranges: 0, 1, 2, 5 becomes "0 to 2, 5"."""
+    """Format integers as ranges, such as "0 to 2, 5" for 0, 1, 2, 5."""
     runs: list[list[int]] = []
     for number in sorted(numbers):
         if runs and number == runs[-1][1] + 1:
@@ -127,7 +127,7 @@ def _made_on(frames: Frames) -> list[str]:
     attempts, run_ids = frames.attempts, frames.attempts["run_id"].astype(str)
     hosts = attempts["host"].astype(str)
     machines = f", on machines: {hosts[hosts != ''].nunique()}" if (hosts != "").any() else ""
-    median = float(3600 * frames.run_hours.median())  # stalled runs would dominate a mean
+    median = float(3600 * frames.run_hours.median())  # not the mean, which stalled runs would dominate
     sentences = [
         f"Attempts: {len(attempts):,}{machines}; a run takes {rounded_duration(median)} in the median."
     ]
@@ -216,7 +216,7 @@ def croissant(manifest: BaselineManifest, files: Sequence[BaselineFile], made: s
         ),
         **({"license": manifest.licence} if manifest.licence else {}),
         "url": f"./{manifest.name}",
-        "version": ".".join([*numbers, "0", "0", "0"][:3]),  # such as 1.2.0 for mine-1.2
+        "version": ".".join([*numbers, "0", "0", "0"][:3]),  # 1.2.0 for a release named mine-1.2
         "datePublished": manifest.created[:10],
         "creator": {"@type": "sc:Organization", "name": manifest.software},
         "citeAs": manifest.citation,
@@ -243,7 +243,7 @@ def croissant(manifest: BaselineManifest, files: Sequence[BaselineFile], made: s
 
 
 def _distribution(table: Table, files: Sequence[BaselineFile]) -> Iterator[dict[str, Any]]:
-    """Yield one entry per file of a table, and one for the set of all its files."""
+    """Yield an entry for each file of a table, and one for the set of all its files."""
     for file in files:
         yield {
             "@type": "cr:FileObject",

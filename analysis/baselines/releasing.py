@@ -1,4 +1,4 @@
-"""Pack campaigns as releases that others can load, verify and cite."""
+"""Packing of campaigns as releases that others can load, verify and cite."""
 
 import json
 import re
@@ -121,7 +121,7 @@ def _draft(
     missing: str,
     planned: Mapping[str, int],
 ) -> BaselineManifest:
-    """Return a manifest without contents, with defaults from the previous manifest `before`."""
+    """Return a manifest without contents, with defaults from `before`, the previous manifest."""
     return BaselineManifest(
         name=name,
         kind=BaselineKind.RUNS,
@@ -169,7 +169,7 @@ def _complete(draft: BaselineManifest, folder: Path, copied: results.Copy | resu
 
 
 def _release_folder(name: str, output: Path | None) -> Path:
-    """Return the folder of a release, by default in the current folder."""
+    """Return the folder of a release in `output`, by default the current folder."""
     if not re.fullmatch(r"[0-9a-zA-Z][0-9a-zA-Z._-]*", name):
         raise BaselineError(
             f"release {name!r}: use letters, digits, '.', '_' and '-', a letter or digit first"
@@ -180,7 +180,7 @@ def _release_folder(name: str, output: Path | None) -> Path:
 
 
 def _refuse_unfinished(frames: Frames, partial: bool, lacking: str) -> str:
-    """Check that a root is finished (unless `partial`), and return a description of its missing runs.
+    """Refuse a root that is unfinished (unless `partial`), and return a description of its missing runs.
 
     The description is `lacking` if the root is finished.
 
@@ -301,7 +301,7 @@ def add_to_release(
         cells = source.table(results.Table.CELLS, columns=["campaign", "run_id"]).to_pandas().astype(str)
         planned = cells.groupby("campaign")["run_id"].nunique().to_dict()
         for campaign, count in before.planned.items() if before else ():
-            planned[campaign] = max(count, planned.get(campaign, 0))  # `root` may list fewer runs
+            planned[campaign] = max(count, planned.get(campaign, 0))  # the root may now list fewer runs
         _complete(_draft(name, licence, about, before, "", planned), aside, added)
         if folder.exists():
             old = folder.parent / f".{folder.name}-{uuid4().hex[:8]}-old"
@@ -336,7 +336,7 @@ def _copied(folder: Path, aside: Path) -> BaselineManifest:
 
 
 def median_policies(root: str | Path, core: Sequence[str] = ()) -> results.CopyOptions:
-    """Return options for a lean release with the policy of each cell's median run by `HEADLINE`.
+    """Return the options of a lean release that keeps the policy of each cell's median run by `HEADLINE`.
 
     The weights are float16.
 

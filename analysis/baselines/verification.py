@@ -37,7 +37,7 @@ class Verification:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """Messages about all damage found."""
+        """Messages, one for each `Damage` found."""
         return tuple(map(str, self.damage))
 
     @property
@@ -77,7 +77,7 @@ def _damaged_files(store: results.Store, baseline: Baseline) -> Iterator[results
             yield results.Damage(file.path, "a baseline does not hold files of this kind")
         try:
             results.read_checked(store, file.path, file.sha256)
-        except results.ObjectStoreError:  # an outage, not damage
+        except results.ObjectStoreError:  # not damage, but an outage
             raise
         except (OSError, results.DamagedFileError) as error:
             yield results.Damage(file.path, results.damage_reason(error, store.where(file.path)))
@@ -100,8 +100,8 @@ def _damaged_runs(store: results.Store, baseline: Baseline) -> Iterator[results.
         yield results.Damage(BASELINE_FILE, f"{verified.runs} of its {count} runs can be read")
 
 
-MOST_RELEASED_BYTES = 15_000_000  # largest size of a release shipped with the package
-FEWEST_SEEDS = 3  # smallest number of seeds required in every cell
+MOST_RELEASED_BYTES = 15_000_000  # maximum size of a release shipped with the package
+FEWEST_SEEDS = 3  # minimum number of seeds in every cell
 
 COMBINATION = ["campaign", "experiment", *CELL_COLUMNS]
 """Columns that identify a cell, in which all teachers of a complete release have the same seeds."""
@@ -130,7 +130,7 @@ def lacking(baseline: Baseline) -> list[str]:
 
 
 def _lacking_runs(frames: Frames) -> Iterator[str]:
-    """Yield messages about unfinished runs, names of machines, and missing seeds."""
+    """Yield messages about unfinished runs, recorded names of machines, and missing seeds."""
     unfinished = [run.run.run_id for run in frames.results.runs() if run.status is not results.RunStatus.DONE]
     if unfinished:
         yield f"{len(unfinished)} runs are not done, as {unfinished[0]}"

@@ -17,15 +17,15 @@ from analysis.names import label, order, short_labels, title
 from analysis.teacher_styles import INK, MUTED, TeacherStyle, teacher_style
 
 COLUMNS = 3  # number of panels per row if the second column of `by` has a single value
-MOST_BRACKETS = 12  # largest number of brackets in a panel, above which all panels have letters
+MOST_BRACKETS = 12  # if any panel needs more brackets, all panels show letters instead
 LANE = 0.055  # width of a lane of brackets or letters, as a share of the axis
-DOUBT = "\N{DAGGER}"  # mark of a doubtful published result
+DOUBT = "\N{DAGGER}"  # mark of published results that are in doubt
 
 Pair = tuple[str, str]
 
 
 class Whisker(StrEnum):
-    """Spread shown by whiskers."""
+    """Measure of spread shown by whiskers."""
 
     DEVIATION = "standard deviation"
     ERROR = "standard error"
@@ -36,7 +36,7 @@ class PanelResults:
     """Results of one panel, with the pairs of teachers that differ significantly."""
 
     titles: tuple[str, str]  # titles of the panel's row and column
-    rows: pd.DataFrame  # mean, whisker and doubt of each result, by teacher
+    rows: pd.DataFrame  # mean, whisker and doubt of each result, indexed by teacher
     different: list[Pair]  # pairs that differ significantly
     untested: list[Pair]  # pairs without a test
 
@@ -80,7 +80,7 @@ def bars_with_pairs(
     teachers = list(names)
     rows, columns = (sorted(table[column].unique(), key=functools.partial(order, column)) for column in by)
     results = [_results(table, tests, by, (row, column)) for row in rows for column in columns]
-    percent = measure.endswith("percent")  # axes of percentages start at 0
+    percent = measure.endswith("percent")  # percentages: the axis starts at 0
     low = 0.0 if percent else min(0.0, (table["mean"] - table["whisker"]).min())
     high = max((table["mean"] + table["whisker"]).max(), base.LEAST_PERCENT if percent else 0.0)
     start, end = 1.02 * low, 1.02 * high if high > low else low + 1.0
@@ -127,7 +127,7 @@ def _results(
     def pairs(tests: pd.DataFrame) -> list[Pair]:
         return list(tests[["first", "second"]].itertuples(index=False, name=None))
 
-    rows, tests = (  # not by pandas' ==, which takes a tuple (a pool) for a list of values
+    rows, tests = (  # pandas' == would compare a tuple (a pool) elementwise
         frame[
             np.array([values == key for values in zip(*(frame[column] for column in by), strict=True)], bool)
         ]
@@ -176,7 +176,7 @@ def _brackets(
 def _letters(
     results: PanelResults, teachers: Sequence[str], start: float, lane: float
 ) -> Iterator[tuple[int, base.Mark]]:
-    """Yield the lane and label of each teacher's letters, or of "?" for a teacher without any test."""
+    """Yield the lane and label of each letter of a teacher, or of "?" for a teacher without any test."""
     names = list(results.rows.index)
     never = [name for name in names if sum(name in pair for pair in results.untested) >= len(names) - 1]
     letters = compact_letter_display([name for name in names if name not in never], results.different)
@@ -227,7 +227,7 @@ def compact_letter_display(names: Sequence[str], different: Iterable[Pair]) -> d
 
 
 def lanes(spans: Collection[tuple[int, int]]) -> dict[tuple[int, int], int]:
-    """Assign spans to lanes so that none overlap, with the longest spans outermost."""
+    """Assign spans to lanes so that no two in a lane overlap, with the longest spans outermost."""
     lane_of: dict[tuple[int, int], int] = {}
     for low, high in sorted(spans, key=lambda span: (span[1] - span[0], span)):
         taken = {lane for (start, end), lane in lane_of.items() if start < high and low < end}

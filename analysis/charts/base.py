@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from analysis.statistics import SIGNIFICANCE
 from analysis.teacher_styles import INK, TeacherStyle
 
-END = "end"  # moment at which runs end; all other moments are steps
+END = "end"  # moment of an animation at the end of runs; all other moments are steps
 
 ONE_COLUMN, TWO_COLUMNS, PAGE_WIDTH = 3.3, 6.9, 10.2
 """Widths of a paper's column, of both columns, and of a page on the screen, in inches."""
@@ -27,8 +27,8 @@ ONE_COLUMN, TWO_COLUMNS, PAGE_WIDTH = 3.3, 6.9, 10.2
 LEAST_PERCENT = 5.0
 """Smallest upper end of axes of mastered %, so that one mastered task out of a hundred stays near 0."""
 
-TEACHERS_PER_PANEL = 8  # largest number of teachers in one panel, besides Random
-LONGEST_NAME = 38  # largest number of characters of a teacher's name in a chart
+TEACHERS_PER_PANEL = 8  # maximum number of teachers in one panel, besides Random
+LONGEST_NAME = 38  # maximum length of a teacher's name in a chart
 STEPS, MASTERED = "Environment steps", "Mastered test tasks (%)"  # titles of axes
 PLAIN = TeacherStyle(INK, "o", "-")  # style of marks without a teacher
 
@@ -48,7 +48,7 @@ class AxisKind(StrEnum):
     COMPARISONS = "comparisons"
 
 
-MOST_TICKS = 12  # largest range of an axis on which every whole number has a tick
+MOST_TICKS = 12  # an axis of whole numbers with a wider range has fewer ticks
 
 
 @dataclass(frozen=True)
@@ -56,11 +56,11 @@ class PanelAxis:
     """Axis of a panel."""
 
     title: str = ""  # name of the quantity with its unit; empty for none
-    kind: AxisKind = AxisKind.NUMBER  # quantity of the axis
+    kind: AxisKind = AxisKind.NUMBER  # kind of quantity on the axis
     low: float | None = None  # lower bound; None to fit the marks
     high: float | None = None  # upper bound; None to fit the marks
     rows: Mapping[str, str] = field(default_factory=dict)  # row titles by key, at the positions 0, 1, …
-    last_tick: float | None = None  # largest value with a tick; None for all
+    last_tick: float | None = None  # upper limit of ticks; None for no limit
     whole: bool = False  # True if only whole numbers have ticks
     grid: bool = False  # True to draw grid lines at the ticks
     shown: bool = True  # False to hide the axis line and its ticks
@@ -81,11 +81,11 @@ class ColourScale:
     """Colour scale for values from `low` to `high`."""
 
     name: str  # name of the scale in matplotlib and plotly
-    low: float  # value of the first colour
-    high: float  # value of the last colour
+    low: float  # value mapped to the first colour
+    high: float  # value mapped to the last colour
     title: str = ""  # name of the quantity
-    open: bool = False  # True if some values lie beyond the ends
-    mark: float | None = None  # value to mark, if any
+    open: bool = False  # True if some values may lie beyond both ends
+    mark: float | None = None  # value to mark on the colour bar; None for none
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -96,7 +96,7 @@ class Mark:
     name: str = ""  # legend entry; empty for no entry
     teacher: str = ""  # teacher of the mark, used by pages to hide it; empty for none
     comparison: str = ""  # anchor of the mark's comparison, used by pages to hide it; empty for none
-    texts: Sequence[str] = ()  # text of each point, or a single one for all
+    texts: Sequence[str] = ()  # text of each point, or a single text for all points
     hover: str = ""  # template of the hover text, such as ``{x}, {y:.1f}, {value}, {text}``
     svg_id: str = ""  # identifier in SVG files; empty for none
 
@@ -109,8 +109,8 @@ class Curve(Mark):
     y: Array | None = None  # y coordinates (n,); None for a band alone
     low: Array | None = None  # lower ends of the band (n,); None for no band
     high: Array | None = None  # upper ends of the band (n,); None for no band
-    n: NDArray[Any] | None = None  # number of runs (n,); the line is thinner where some are missing
-    fill: str = ""  # colour inside markers; empty for that of the line
+    n: NDArray[Any] | None = None  # runs per point (n,); the line is thinner where some runs are missing
+    fill: str = ""  # fill colour of the markers; empty for the line's colour
     width: float = 2.0  # width of the line, in CSS pixels; lines thinner than 1.5 have no markers
     opacity: float = 0.17  # opacity of the band, in [0, 1]
 
@@ -123,8 +123,8 @@ class Scatter(Mark):
     y: Sequence[float] | Array  # y coordinates (n,)
     values: Sequence[float] | Array | None = None  # values on the colour scale (n,)
     colours: ColourScale | None = None  # colour scale of `values`
-    size: float | Array = 5.0  # diameter of each point, or of all points, in CSS pixels
-    hollow: bool = False  # True for rings
+    size: float | Array = 5.0  # diameters (n,), or a common diameter, in CSS pixels
+    hollow: bool = False  # True to draw rings, not discs
     opacity: float = 1.0  # opacity in [0, 1]
     edge: str = ""  # colour of a fine outline; empty for no outline
 
@@ -135,9 +135,9 @@ class Interval(Mark):
 
     x: float  # mean; NaN if missing
     y: float  # y coordinate
-    low: float  # lower end; NaN if missing
-    high: float  # upper end; NaN if missing
-    size: float = 8.0  # diameter of the mean's marker, in CSS pixels; 0 for none
+    low: float  # lower end of the interval; NaN if missing
+    high: float  # upper end of the interval; NaN if missing
+    size: float = 8.0  # diameter of the mean's marker, in CSS pixels; 0 for no marker
     width: float = 1.6  # width of the line, in CSS pixels
     cap: float = 0.0  # length of the caps, in CSS pixels
 
@@ -169,7 +169,7 @@ class Outline:
     xs: Array  # x coordinates of the corners (n,), the first repeated at the end
     ys: Array  # y coordinates of the corners (n,)
     weight: float = 0.5  # opacity of the fill, in [0, 1]
-    score: float | None = None  # value on the colour scale; None for the colour of the mark
+    score: float | None = None  # value on the colour scale; None for the mark's own colour
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -206,7 +206,7 @@ class StarRow:
     """Row of stars above a panel, at the steps where a line differs from its reference."""
 
     look: TeacherStyle  # style of the line
-    fill: str  # colour inside the line's markers
+    fill: str  # fill colour of the line's markers
     above: Sequence[float]  # steps at which the line is above the reference
     below: Sequence[float]  # steps at which the line is below the reference
     svg_id: str  # identifier in SVG files; empty for none
@@ -232,13 +232,13 @@ class Panel:
     marks: Sequence[Mark] = ()  # marks, bottom layer first
     title: str = ""  # heading
     subtitle: str = ""  # second line of the heading, smaller
-    side: str = ""  # title of the row of panels, shown by the first panel of a row
+    side: str = ""  # title of the row of panels; only the first panel of a row shows it
     teacher: str = ""  # teacher of the panel; empty for several
     stars: Sequence[StarRow] = ()  # rows of stars above the panel, the uppermost first
     empty_text: str = ""  # text shown in an empty panel
     frame: str = ""  # colour of a frame; empty for no frame
     moments: Sequence[Any] = ()  # steps and `END` of an animated panel, in order; empty for a static one
-    moment: Callable[[Any], "Panel"] | None = None  # function that returns the panel at a moment
+    moment: Callable[[Any], "Panel"] | None = None  # function that returns the panel at one of `moments`
 
     def at(self, moment: object) -> "Panel":
         """Return the panel at a moment of its animation."""
@@ -258,7 +258,7 @@ class Legend(StrEnum):
 class Chart:
     """Chart: panels with titles and a legend, for a paper or a page."""
 
-    name: str  # name of the files, and identifier on a page
+    name: str  # file name without suffix, and identifier on a page
     panels: Sequence[Sequence[Any]]  # panels by row; None for a gap
     title: str = ""  # title on a page
     caption: str = ""  # caption on a page: content and number of runs
@@ -268,7 +268,7 @@ class Chart:
     legend: Legend = Legend.TOP  # position of the legend
     size: tuple[float, float] = (5.2, 3.5)  # width and height on paper without the legend, in inches
     letters: float = 8.5  # font size on paper, in points
-    pixels: int = 330  # height of a panel without rows on a page, in CSS pixels
+    pixels: int = 330  # height on a page of a panel whose axes have no rows, in CSS pixels
 
     @property
     def all_panels(self) -> list[Any]:
@@ -295,7 +295,7 @@ def grid(panels: Sequence[Panel], columns: int) -> list[list[Panel | None]]:
 
 
 def check_table(table: pd.DataFrame, columns: Sequence[str], what: str) -> None:
-    """Check that a table has at least one row, and the given columns.
+    """Check that a table has the given columns and at least one row.
 
     Raises:
         ValueError: if it has no rows, or lacks one of `columns`.
@@ -323,5 +323,5 @@ def check_unique(table: pd.DataFrame, keys: Sequence[str], what: str) -> None:
 
 
 def significant(tests: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows of `tests` that are significant after Holm's correction."""
+    """Return the tests that are significant after Holm's correction."""
     return tests[tests["holm"] < SIGNIFICANCE]

@@ -1,4 +1,4 @@
-"""Catalogue of the charts that pages and papers draw for a comparison of teachers."""
+"""Catalogue of the charts of a comparison of teachers, for pages and papers."""
 
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -39,10 +39,10 @@ CURVES = (
 )
 """Column, axis label and title of each chart of learning curves."""
 
-MOST_DIMENSIONS = 20  # largest number of varied dimensions that are drawn one by one
+MOST_DIMENSIONS = 20  # task spaces with more varied dimensions get no chart with a row per dimension
 
 
-FILM_NAME_CHARS = 16  # largest number of characters of a teacher's name beside a row of a film strip
+FILM_NAME_CHARS = 16  # maximum length of a teacher's name beside a row of a film strip
 
 
 class PaperChart(NamedTuple):
@@ -50,7 +50,7 @@ class PaperChart(NamedTuple):
 
     name: str  # file name, unique within the comparison
     chart: Callable[[], Chart]  # function without arguments that returns the chart
-    animated: bool = False  # True for a GIF
+    animated: bool = False  # True if the chart is saved as a GIF
 
 
 def page_charts(comparison: TeacherComparison) -> Iterator[Chart]:
@@ -71,7 +71,7 @@ def page_charts(comparison: TeacherComparison) -> Iterator[Chart]:
 
 
 def trained_steps_chart(comparison: TeacherComparison) -> Iterator[Chart]:
-    """Yield learning curves against trained steps, if some teacher does not train on all of its steps."""
+    """Yield learning curves against trained steps if any teacher trains on under `NEARLY_ALL` % of steps."""
     frames, evaluations = comparison.frames, comparison.evaluations
     teachers = evaluations.drop_duplicates("run_id").set_index("run_id")["teacher"]
     shares = trained_shares(frames).groupby(teachers.to_dict()).mean()
@@ -127,7 +127,7 @@ def page_panels(comparison: TeacherComparison) -> Iterator[Chart]:
 
 
 def page_pictures(comparison: TeacherComparison) -> Iterator[Chart]:
-    """Yield the chart of curricula dimension by dimension, unless the task space is a plane."""
+    """Yield the chart of curricula with a row per task dimension, unless the task space is a plane."""
     axes, shown = comparison.axes, comparison.measurements.shown
     curricula = {teacher: each for teacher, each in comparison.curricula.items() if teacher in shown}
     probed = {teacher: each for teacher, each in curricula.items() if len(each.probes)}
@@ -199,14 +199,14 @@ def _training_tasks(comparison: TeacherComparison, teachers: Iterable[str]) -> C
 
 
 def points_of(along: pd.DataFrame, ends: pd.DataFrame, column: str) -> pd.DataFrame:
-    """Return teacher, seed, step and value at each evaluation of a run, and at its end (step `END`)."""
+    """Return the values of `column` at each evaluation (`along`) and at the ends of runs (step `END`)."""
     columns = ["teacher", "seed", "step", column]
     parts = [along[columns].astype({"step": object}), ends[[*columns[:2], column]].assign(step=END)]
     return pd.concat(parts, ignore_index=True).rename(columns={column: "value"})
 
 
 def _shares(comparison: TeacherComparison) -> pd.DataFrame:
-    """Return the share of seeds that master each test task, by teacher and step (or `END`)."""
+    """Return the share of runs that master each test task, by teacher and step (or `END`)."""
     frames = comparison.frames
     along = mastered_tasks(frames, comparison.evaluations, ["teacher", "step"]).astype({"step": object})
     ends = mastered_tasks(frames, comparison.finals, ["teacher"]).assign(step=END)
@@ -247,7 +247,7 @@ def threshold(value: float) -> str:
 
 
 def _which_runs(curricula: Mapping[str, RunCurriculum]) -> str:
-    """Return the seed of each teacher's median run as text."""
+    """Return a clause that names the seed of each teacher's median run."""
     named = listed(f"{label(teacher)}: seed {curriculum.seed}" for teacher, curriculum in curricula.items())
     return f"One run of each teacher, the median one by mastered tasks over training ({named})"
 

@@ -1,4 +1,4 @@
-"""Charts of curricula: film strips, animations, training tasks, task dimensions, teachers' logs.
+"""Charts of curricula: film strips, animations, training tasks, task dimensions, logged scalars.
 
 Common arguments: `curricula` has one run per teacher, and `plane` the two task dimensions.
 """
@@ -26,12 +26,12 @@ from analysis.formatting import steps_text
 from analysis.names import short_labels
 from analysis.teacher_styles import TeacherStyle, teacher_style
 
-SMALL = 1 / 3  # share of both dimensions below which the panel of a run is zoomed to its tasks
+SMALL = 1 / 3  # zoom in on tasks that span less than this share of each dimension
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 """Quantiles of probed tasks in bands: outer band, inner band, median."""
 
-UPDATES = 24  # largest number of teacher updates that are drawn, evenly spaced over a run
+UPDATES = 24  # maximum number of teacher updates drawn, evenly spaced over a run
 
 MOST_FRAMES, MOST_SHOTS = 60, 12
 """Largest numbers of frames and panels of an animation, so that its file stays under a few megabytes."""
@@ -83,7 +83,7 @@ def film_strip(
 
 
 def sheets(runs: Sequence[Run]) -> list[Sequence[Run]]:
-    """Split runs into the fewest parts of at most `MOST_SHOTS` runs, similar in size."""
+    """Split runs into the fewest parts of similar size that have at most `MOST_SHOTS` runs each."""
     count = math.ceil(len(runs) / MOST_SHOTS)
     ends = [round(len(runs) * number / count) for number in range(1, count + 1)]
     return [runs[first:last] for first, last in itertools.pairwise([0, *ends])]
@@ -112,7 +112,7 @@ def film(shots: Sequence[Shot], plane: tuple[Axis, Axis], frames: int = 30) -> b
 
 
 def _animated(shot: Shot, plane: tuple[Axis, Axis], steps: Sequence[int]) -> base.Panel:
-    """Return the animated panel of a run, zoomed to its tasks if they lie in a small part of the plane."""
+    """Return the animated panel of a run, zoomed in on its tasks if they lie in a small part of the plane."""
     view, updates = TaskView(plane), [shot.curriculum.update_at(step) for step in steps]
     boxes = [boxes_of(update) for update in updates if update is not None]
     scores = [float(box["score"]) for regions in boxes if len(regions) > 1 for box in regions]
@@ -141,7 +141,7 @@ def _animated(shot: Shot, plane: tuple[Axis, Axis], steps: Sequence[int]) -> bas
 
 
 def _checked(shots: Sequence[Shot], steps: Sequence[int] | None) -> list[int]:
-    """Check the runs, and return the steps to draw, by default the `moments` of the runs."""
+    """Check the runs, and return the steps to draw: `steps`, or by default the `moments` of the runs."""
     if not shots:
         raise ValueError("no runs: expected at least one, to draw its curriculum")
     for shot in shots:
@@ -238,8 +238,8 @@ def _regions(curriculum: RunCurriculum, dimension: int) -> Iterator[base.Mark]:
         yield base.Scatter(x=steps, y=values, size=1.8 * np.sqrt(1 + 8 * shares), opacity=0.55)
 
 
-MOST_PER_TEACHER = 8  # largest number of scalars per teacher
-BINS = 150  # number of bins of a longer series, each drawn as its median and range
+MOST_PER_TEACHER = 8  # maximum number of scalars drawn per teacher
+BINS = 150  # series with more points are drawn as the median and range of this many bins
 
 
 def scalars_of(curriculum: RunCurriculum) -> dict[str, pd.Series]:

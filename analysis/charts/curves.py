@@ -1,4 +1,4 @@
-"""Learning curves: of all teachers, in panels with stars for significant differences, and pair by pair."""
+"""Charts of learning curves: all teachers together, panels with significance stars, pairs of teachers."""
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
@@ -21,10 +21,10 @@ from tma_ray.tasks import KnowledgeLevel
 AXIS_TITLES = {"mastered_percent": base.MASTERED, "training_return": "Mean training return"}
 """Measures of `knowledge_panels`, with the titles of their axes."""
 
-STAR_STEPS = 5_000_000  # steps between two stars (paper, figures of Parkour)
-MOST_PAIR_ROWS = 9  # largest number of rows of `pairwise_curves`, above which it draws a matrix
-FLATTENED = 0.5  # share of the ceiling that a curve must reach for the ceiling to be drawn
-MOST_MARKED = 45  # largest number of points of a line with markers
+STAR_STEPS = 5_000_000  # steps between two stars of a line, as in the paper's figures of Parkour
+MOST_PAIR_ROWS = 9  # with more rows of panels, `pairwise_curves` draws a matrix instead
+FLATTENED = 0.5  # the ceiling is drawn only if a curve reaches this share of it
+MOST_MARKED = 45  # lines with more points are drawn without markers
 
 LEVEL = "expert_knowledge"
 
@@ -84,7 +84,7 @@ def learning_curve(curves: pd.DataFrame, value: str, ylabel: str) -> base.Chart:
 
 
 def _rows_by_teacher(table: pd.DataFrame) -> dict[str, base.Array]:
-    """Return each teacher's rows that have a mean, as an array (rows, 4): step, mean, error, n."""
+    """Return each teacher's rows with a mean, as an array (rows, 4) of step, mean, standard error and n."""
     columns = ("step", "mean", "standard_error", "n")
     rows = np.column_stack([table[column].to_numpy(np.float64) for column in columns])
     teachers, known = table["teacher"].to_numpy(object), ~np.isnan(rows[:, 1])
@@ -118,7 +118,7 @@ def _curves(
 
 
 def _ceiling(value: float | None, curves: Sequence[base.Curve]) -> Iterator[base.ReferenceLine]:
-    """Yield a line at the ceiling (upper bound of all runs), unless it would flatten the curves."""
+    """Yield a line at the ceiling (upper bound for all runs), unless it would flatten the curves."""
     highest = max((float(curve.high.max()) for curve in curves if curve.high is not None), default=0.0)
     if value is not None and highest >= FLATTENED * value:
         yield base.ReferenceLine(
@@ -176,7 +176,7 @@ class CurvePanel:
         return _table(self.curves, self.measure, keys, f"curves of panel {self.title!r}", empty=True)
 
     def stars(self, every: int) -> pd.DataFrame:
-        """Return the significant differences at multiples of `every` steps: line, step, difference."""
+        """Return line, step and difference of the significant differences at multiples of `every` steps."""
         if self.tests is None or self.tests.empty:
             return pd.DataFrame(columns=["line", "step", "difference"])
         what = f"tests of panel {self.title!r}"
@@ -194,7 +194,7 @@ class CurvePanel:
 
 
 def curves_with_stars(panels: Sequence[CurvePanel], every: int = STAR_STEPS, columns: int = 2) -> base.Chart:
-    """Return a chart of learning curves (mean ± standard error), starred where they differ from a reference.
+    """Return a chart of learning curves (mean ± standard error), with stars where they differ significantly.
 
     Colours and markers denote teachers; dashes and marker fills denote levels of expert knowledge. Each line
     has a row of stars, full where it is significantly above the reference, hollow where it is below.
@@ -440,7 +440,7 @@ def pairwise_curves(
 
 
 def _pair_stars(tests: pd.DataFrame, pair: tuple[str, str], height: float) -> Iterator[base.Scatter]:
-    """Yield the stars of both teachers, each at the steps where it is significantly above the other."""
+    """Yield each teacher's stars, at the steps where it is significantly above the other."""
     for above, below in (pair, pair[::-1]):
         greater = (tests["first"] == above) & (tests["second"] == below) & (tests["difference"] > 0)
         less = (tests["first"] == below) & (tests["second"] == above) & (tests["difference"] < 0)
@@ -454,7 +454,7 @@ def _pair_stars(tests: pd.DataFrame, pair: tuple[str, str], height: float) -> It
 def _difference_matrix(
     table: pd.DataFrame, tests: pd.DataFrame, teachers: Sequence[str], name: str
 ) -> base.Chart:
-    """Return a heatmap of differences, row teacher minus column teacher, with dots on significant ones."""
+    """Return a heatmap of differences (row teacher minus column teacher), with dots on significant ones."""
     last = table["step"].max()
     means = table[table["step"] == last].set_index("teacher")["mean"].reindex(teachers).to_numpy(float)
     differences = means[:, None] - means[None, :]

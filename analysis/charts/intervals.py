@@ -62,7 +62,7 @@ def seeds_chart(points: pd.DataFrame, quantity: str, name: str, heading: str, ca
 
 
 def _mean(values: base.Array, teacher: str, y: float, words: str, **style: Any) -> base.Interval:
-    """Return the mark of a mean with its 95 % interval; `words` is the template of the hover text."""
+    """Return a mark of the mean with its 95 % interval; `words` is a template for the hover text."""
     sample = describe(values)
     low, high = mean_percent_interval(sample) if sample.n else (math.nan, math.nan)
     text = words.format(number(sample.mean), sample.n) if sample.n else ""
@@ -121,7 +121,7 @@ def overview_chart(
     def at(step: Any) -> base.Panel:
         by_pair = samples.get(step, {})
         evaluated = {anchor for anchor, _ in by_pair}
-        # comparisons without evaluations at this step show their final results
+        # a comparison that was not evaluated at this step shows its final results
         latest = samples.get(base.END, {}) if step != base.END else {}
         shown = [(by_pair if pair[0] in evaluated else latest).get(pair, none) for pair in pairs]
         marks = [
@@ -141,7 +141,7 @@ def overview_chart(
 
 
 def rank_chart(boards: Mapping[str, Sequence[Rank]], name: str = "ranks") -> base.Chart:
-    """Return a chart with a row per teacher: its rank by the mean, and the range of ranks that tests allow.
+    """Return a chart with a row per teacher: its rank by mean, and the range of ranks its tests leave open.
 
     Args:
         boards: ranks of each panel, best first, by heading and subtitle, separated by a colon.
@@ -227,7 +227,7 @@ def difference_chart(
     return base.Chart(name, [panels], heading, DIFFERENCES, size=size, letters=7.5)
 
 
-FEWEST_WITH_BAND = 5  # minimum number of runs for a band, which with fewer runs would fill the panel
+FEWEST_WITH_BAND = 5  # minimum number of runs for a band; with fewer, bands would fill the panel
 
 
 def profile_chart(table: pd.DataFrame, quantity: str, name: str, heading: str, caption: str) -> base.Chart:
@@ -319,7 +319,7 @@ def budget_chart(
 BOUNDARY, BAND = TeacherStyle(INK, "", (0, (4, 2))), TeacherStyle(MUTED, "", "-")
 """Styles of boundaries and of the margin."""
 
-ROOM = 1.4  # reach of the vertical axis, in units of the furthest boundary after the first look
+ROOM = 1.4  # vertical limit as a multiple of the largest value, margin or (after look 1) boundary
 
 
 def course_chart(
@@ -371,7 +371,7 @@ def _heading(measure: str, references: Iterable[str]) -> str:
 
 
 def _course(table: pd.DataFrame, seen: pd.DataFrame, teacher: str, reach: float) -> Iterator[base.Curve]:
-    """Yield the curves of boundaries and of observed differences with intervals, clipped to ± `reach`."""
+    """Yield curves of the boundaries and of the observed differences with intervals, clipped to ± `reach`."""
     for side, name in (("better", "boundary of a verdict"), ("worse", "")):
         bounds = np.clip(table[side].to_numpy(float), -reach, reach)
         seeds, hover = table["seeds"].to_numpy(float), f"{side} beyond {{y:.1f}}"

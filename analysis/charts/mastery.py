@@ -13,7 +13,7 @@ from analysis.names import short_labels
 SHARES = base.ColourScale("Blues", 0.0, 100.0, "Seeds that master the task (%)")
 """Colours of shares of runs."""
 
-ACROSS = 180  # width of a row of squares, in CSS pixels
+ACROSS = 180  # total width of a row of squares, in CSS pixels
 
 
 def mastery_chart(
@@ -36,7 +36,7 @@ def mastery_chart(
     if len(axes) == 2 == values.shape[1]:
         points = values.astype(np.float64)
         draw, scales = _heatmap(points, words) or _squares(points, words), list[base.PanelAxis]()
-        for axis, positions in zip(axes, points.T, strict=True):  # with a margin of half a cell
+        for axis, positions in zip(axes, points.T, strict=True):  # bounds with a margin of half a cell
             centres = np.unique(positions)
             half = float(np.diff(centres).min()) / 2 if len(centres) > 1 else 0.5
             scales.append(
@@ -48,7 +48,7 @@ def mastery_chart(
         mean = shares[shares["step"] == base.END].groupby("task_index")["share"].mean()
         mean = mean.reindex(tasks["task_index"]).fillna(-1)
         rank = np.argsort(np.argsort(-mean.to_numpy(), kind="stable"), kind="stable")
-        side = int(np.ceil(np.sqrt(2 * len(tasks))))  # twice as many columns as rows
+        side = int(np.ceil(np.sqrt(2 * len(tasks))))  # columns, about twice as many as rows
         points = np.column_stack([rank % side, -(rank // side)]).astype(np.float64)
         draw, scales = _squares(points, words), [base.PanelAxis(shown=False), base.PanelAxis(shown=False)]
     panels = [
@@ -68,11 +68,11 @@ def _panel(
     axes: Sequence[base.PanelAxis],
     draw: Callable[[base.Array], base.Mark],
 ) -> base.Panel:
-    """Return the animated panel of a teacher, with the mean share in its title."""
+    """Return the animated panel of one teacher, with the mean share in its title."""
     teacher = str(shares["teacher"].iloc[0])
     rows, steps = pd.factorize(shares["step"])
     columns = pd.Index(tasks).get_indexer(shares["task_index"])
-    table = np.full((len(steps), len(tasks) + 1), np.nan)  # last column (index -1): tasks of other test sets
+    table = np.full((len(steps), len(tasks) + 1), np.nan)  # tasks of other test sets go to column -1
     table[rows, columns] = 100 * shares["share"].to_numpy(np.float64)
     percents = dict(zip(steps, table[:, :-1].round(1), strict=True))
 
@@ -86,7 +86,7 @@ def _panel(
 
 
 def mastery_map(shares: pd.DataFrame, tasks: pd.DataFrame, plane: tuple[Axis, Axis] | None) -> base.Chart:
-    """Return a map of the share of runs that master each test task at the end.
+    """Return a map of the share of runs that master each test task at the end of training.
 
     A panel per teacher if the tasks form a grid on the plane, else a row per teacher and a column per task,
     from the most to the least mastered.
@@ -115,7 +115,7 @@ def mastery_map(shares: pd.DataFrame, tasks: pd.DataFrame, plane: tuple[Axis, Ax
 
 
 def _heatmap(points: base.Array, words: Sequence[str]) -> Callable[[base.Array], base.Mark] | None:
-    """Return a function that draws values (n,) as a heatmap of tasks (n, 2), or None without a full grid."""
+    """Return a function that draws values (n,) as a heatmap; None if `points` (n, 2) are not a full grid."""
     xs, columns = np.unique(points[:, 0], return_inverse=True)
     ys, rows = np.unique(points[:, 1], return_inverse=True)
     full = len(xs) * len(ys) == len(np.unique(points, axis=0)) == len(points)
@@ -135,7 +135,7 @@ def _heatmap(points: base.Array, words: Sequence[str]) -> Callable[[base.Array],
 
 
 def _squares(points: base.Array, words: Sequence[str]) -> Callable[[base.Array], base.Mark]:
-    """Return a function that draws values (n,) as coloured squares at tasks (n, 2)."""
+    """Return a function that draws values (n,) as coloured squares at `points` (n, 2)."""
     size = float(np.clip(ACROSS / np.sqrt(max(len(points), 1)), 4, 24))
 
     def draw(values: base.Array) -> base.Mark:

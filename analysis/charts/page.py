@@ -1,4 +1,4 @@
-"""Charts on pages, as data for plotly.js; animation frames contain only what changes."""
+"""Charts on pages, as data for plotly.js, with animation frames that contain only the changes."""
 
 import base64
 import gzip
@@ -22,12 +22,12 @@ from analysis.teacher_styles import INK, MUTED, RULE, TeacherStyle
 
 FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif"
 
-ROW, ROWS_FRAME = 34, 76  # heights of a teacher's row, and of axis and margins together, in CSS pixels
+ROW, ROWS_FRAME = 34, 76  # heights of a teacher's row, and of the axis with margins, in CSS pixels
 
 SPACING, LEAST_HEIGHT, COMPARISONS_FRAME = 11, 30, 130
 """Height of each mean, minimum height of a comparison's row, height of axis and legend, in CSS pixels."""
 
-MOST_ACROSS = 4  # largest number of plots side by side
+MOST_ACROSS = 4  # maximum number of plots side by side
 
 BINARY = {"float32": "f4", "float64": "f8", "int32": "i4"}
 """Names in plotly.js of the array types that are embedded as bytes, by their names in numpy."""
@@ -46,12 +46,12 @@ Trace: TypeAlias = dict[str, Any]  # trace of plotly.js
 class Plot:
     """Panel of a chart as plain data for plotly.js, since plotly's own classes are slow to validate."""
 
-    name: str  # identifier on the page, and name of saved pictures
+    name: str  # identifier on the page, and file name of saved pictures
     title: str  # title of the chart
     teacher: str  # teacher of the panel; empty for several
     traces: tuple[Trace, ...]  # traces; pages hide them by the teacher and comparison in their ``meta``
     layout: dict[str, Any]  # axes, margins, legend
-    frames: tuple[dict[str, Any], ...]  # animation frames: name of the moment, and changed traces
+    frames: tuple[dict[str, Any], ...]  # animation frames, each a moment's name and the traces that change
 
     @property
     def json(self) -> str:
@@ -62,7 +62,7 @@ class Plot:
 
 @dataclass(frozen=True, eq=False)
 class PageChart:
-    """Plots of a chart under one caption, `across` of them side by side."""
+    """Plots of a chart under a common caption, with `across` plots side by side."""
 
     title: str
     caption: str
@@ -93,8 +93,8 @@ def on_page(chart: base.Chart) -> PageChart:
 
 @cache
 def plotly_library() -> str:
-    """Return plotly.js without remote addresses, `packed` for a script element."""
-    # matches string literals with an address, except XML namespaces
+    """Return plotly.js with its URLs removed, `packed` for a script element."""
+    # string literals that are a URL, except XML namespaces
     address = r"""(["'`])https?://(?!www\.w3\.org/)[^"'`]*\1"""
     return packed(re.sub(address, r"\1\1", str(get_plotlyjs())))
 
@@ -105,7 +105,7 @@ def packed(text: str) -> str:
 
 
 def _change(old: Trace, new: Trace) -> Trace:
-    """Return the changed entries of a trace; markers and error bars are compared entry by entry."""
+    """Return the entries of a trace that changed, comparing markers and error bars entry by entry."""
     change = {}
     for key, value in new.items():
         if key in ("marker", "error_x"):
@@ -124,7 +124,7 @@ def _same(one: Any, other: Any) -> bool:
 
 
 def _traces(panel: base.Panel) -> list[Trace]:
-    """Return the traces of a panel; traces with the same name share a legend entry."""
+    """Return the traces of a panel, with one legend entry for all traces of the same name."""
     traces, named = [], set[str]()
     for mark in panel.marks:
         for trace in _traces_of(mark, panel):
@@ -235,7 +235,7 @@ def _(mark: base.Heatmap, _: base.Panel) -> Iterator[Trace]:
 
 @_traces_of.register
 def _(mark: base.Polygons, _: base.Panel) -> Iterator[Trace]:
-    xs = [x for outline in mark.outlines for x in (*_short(outline.xs), None)]  # None ends a polygon
+    xs = [x for outline in mark.outlines for x in (*_short(outline.xs), None)]  # None separates polygons
     ys = [y for outline in mark.outlines for y in (*_short(outline.ys), None)]
     line = {"color": mark.look.colour, "width": mark.width}
     fill = _transparent(mark.look.colour, mark.opacity)
@@ -244,7 +244,7 @@ def _(mark: base.Polygons, _: base.Panel) -> Iterator[Trace]:
 
 @_traces_of.register
 def _(mark: base.ReferenceLine, panel: base.Panel) -> Iterator[Trace]:
-    # On an axis of teachers the layout draws the line: numbers in a trace would replace the names.
+    # A trace with numbers would replace the names on an axis of teachers, so the layout draws the line there.
     if panel.y.kind is base.AxisKind.TEACHERS:
         return
     curves = [mark.x for mark in panel.marks if isinstance(mark, base.Curve) and len(mark.x)]
@@ -277,7 +277,7 @@ def _layout(chart: base.Chart, panel: base.Panel) -> dict[str, Any]:
         "margin": {"l": 54, "r": 14, "t": 34, "b": 46},
         "hoverlabel": {"font": {"family": FONT, "size": 12}},
         "modebar": {"bgcolor": "rgba(0,0,0,0)", "color": MUTED, "activecolor": INK},
-        "uirevision": "kept",  # keeps a reader's zoom when the step changes
+        "uirevision": "kept",  # to keep the reader's zoom when the step changes
         "showlegend": legend,
         "xaxis": _axis(panel.x, panel),
         "yaxis": _axis(panel.y, panel) | ({"nticks": 4} if panel.subtitle else {}),
@@ -358,7 +358,7 @@ def _axis(axis: base.PanelAxis, panel: base.Panel) -> dict[str, Any]:
 
 
 def _rows(axis: base.PanelAxis, positions: Any) -> Any:
-    """Return positions along an axis: teachers' names, or else rounded numbers."""
+    """Return `positions` as teachers' names on an axis of teachers, else as rounded numbers."""
     if axis.kind is base.AxisKind.TEACHERS:
         names = [_shown(name) for name in axis.rows.values()]
         return [names[int(position)] for position in positions]
@@ -389,7 +389,7 @@ def _hover(mark: base.Mark, extra: str = "<extra></extra>") -> dict[str, Any]:
 
 
 def _template(hover: str, value: str) -> str:
-    """Return a hover template in plotly.js syntax, where `value` is the field of a point's value."""
+    """Convert a hover template to the syntax of plotly.js, with `value` as the field of a point's value."""
     return re.sub(r"\{(x|y|text)(:[^}]*)?\}", r"%{\1\2}", hover).replace("{value", f"%{{{value}")
 
 
@@ -404,7 +404,7 @@ def _transparent(colour: str, opacity: float) -> str:
 
 @cache
 def colour_scale(name: str) -> list[list[Any]]:
-    """Return a colour scale as defined by plotly.py; plotly.js uses the same names for other scales."""
+    """Return a colour scale as defined by plotly.py, since plotly.js gives some names to other scales."""
     return [[position, colour] for position, colour in get_colorscale(name)]
 
 

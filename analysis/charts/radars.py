@@ -23,11 +23,11 @@ HEIGHT = 3.08  # height of a radar in the paper figure, excluding the note lines
 class Ratios(NamedTuple):
     """Results at one level of expert knowledge, as ratios to Random's results."""
 
-    ratios: dict[str, list[float]]  # by teacher and axis; infinite where only Random is at 0
-    shares: dict[tuple[str, int], float]  # results as shares of the best, where ratios are infinite
-    upper: list[float]  # ratio of the best result on the original space, by axis; NaN if not comparable
+    ratios: dict[str, list[float]]  # by teacher and axis; infinite if Random alone is at 0
+    shares: dict[tuple[str, int], float]  # share of the best result, for infinite ratios
+    upper: list[float]  # best result on the original space / Random's, by axis; NaN if not comparable
     differ: dict[tuple[str, int], float]  # significant differences from Random, by teacher and axis
-    doubts: set[tuple[str, int]]  # teacher and axis of doubtful published results
+    doubts: set[tuple[str, int]]  # teacher and axis of published results that are in doubt
     missing: list[str]  # sentences about results that are not drawn
 
 
@@ -37,14 +37,14 @@ class Radar:
 
     title: str  # heading
     axes: Sequence[str]  # titles of the axes, clockwise from the top
-    rim: float  # ratio to Random at the outermost ring
-    beyond: bool  # True for a band outside the rim, for infinite ratios
+    rim: float  # ratio to Random that the outermost ring stands for
+    beyond: bool  # True to draw a band for infinite ratios outside the rim
     teachers: Mapping[str, str]  # legend entries by teacher, for the teachers that are drawn
-    results: Ratios  # results, including those of teachers that are not drawn
+    results: Ratios  # results, including those of teachers not drawn
     note: Sequence[str]  # lines of text below the radar
 
     def radius(self, teacher: str, axis: int) -> float:
-        """Return the radius of a result, beyond the rim for an infinite ratio."""
+        """Return the radius at which a result is drawn, beyond the rim for an infinite ratio."""
         ratio = self.results.ratios[teacher][axis]
         share = self.results.shares.get((teacher, axis), 1.0)
         return self.rim * (1 + BEYOND * share) if math.isinf(ratio) else ratio
@@ -137,7 +137,7 @@ def _ratios(
     challenges: Sequence[Matrix],
     original: Matrix,
 ) -> Ratios:
-    """Return the results of one level as ratios to Random's, with the significant differences."""
+    """Return the results at one level as ratios to Random's, with the significant differences."""
     names = [matrix.challenge for matrix in challenges]
     keys = zip(table["teacher"].astype(str), table["challenge"].astype(str), strict=True)
     means = dict(zip(keys, table[mean].astype(float), strict=True))

@@ -12,14 +12,14 @@ from analysis.data.curricula import PANELS, Axis, RunCurriculum, boxes_of, gauss
 from analysis.names import short_labels
 from analysis.teacher_styles import INK, RETURN_COLOURS, teacher_style
 
-MOMENTS, DOTS = 24, 60  # largest numbers of steps per run, and of probed tasks per step, on a page
+MOMENTS, DOTS = 24, 60  # maximum numbers of steps per run and of probed tasks per step, on a page
 
 PAGE_EPISODES, PAPER_EPISODES = 150, 300
 """Largest number of training episodes drawn per part of a run, on a page and on paper."""
 
-CORNERS = 33  # number of points on the outline of an ellipse
-BOX, GAUSSIAN = 0.3, 0.2  # half the widths of boxes and Gaussians in a dimension's column
-GOLDEN = 0.618034  # fractional part of the golden ratio; its multiples modulo 1 are spread evenly
+CORNERS = 33  # number of points that outline an ellipse
+BOX, GAUSSIAN = 0.3, 0.2  # half-widths of boxes and Gaussians in a dimension's column
+GOLDEN = 0.618034  # golden ratio - 1, whose multiples modulo 1 are spread evenly
 
 
 def task_axis(axis: Axis) -> base.PanelAxis:
@@ -57,7 +57,7 @@ class TaskView:
         return base.PanelAxis(kind=base.AxisKind.NAMES, rows=names), share
 
     def dots(self, tasks: base.Array) -> tuple[base.Array, base.Array]:
-        """Return x and y coordinates of tasks (n, d): one point per task on a plane, else one per column."""
+        """Return x and y of tasks (n, d): a point per task on a plane, else a point per task and column."""
         tasks = np.asarray(tasks, np.float64)
         if not len(tasks):
             return np.empty(0), np.empty(0)
@@ -67,7 +67,7 @@ class TaskView:
         return (np.arange(len(self.varied)) + jitter[:, None]).ravel(), self._shares(tasks).ravel()
 
     def boxes(self, boxes: Sequence[Mapping[str, Any]]) -> list[base.Outline]:
-        """Return the outlines of boxes (low, high, score) in order."""
+        """Return the outlines of boxes (low, high, score), in the order given."""
         outlines = []
         for box in boxes:
             low, high = (np.asarray(box[end], np.float64) for end in ("low", "high"))
@@ -93,7 +93,7 @@ class TaskView:
         return outlines
 
     def _shares(self, tasks: base.Array) -> base.Array:
-        """Return the varied dimensions of tasks (…, d) as shares of their ranges (…, v)."""
+        """Return tasks (…, d) as shares (…, v) of the ranges of the v varied dimensions."""
         low, high = np.array([[self.axes[index].low, self.axes[index].high] for index in self.varied]).T
         return np.asarray((tasks[..., self.varied] - low) / (high - low), dtype=np.float64)
 
@@ -148,7 +148,7 @@ def state_marks(
 def probed_tasks(
     curricula: Mapping[str, RunCurriculum], axes: Sequence[Axis], name: str, caption: str
 ) -> base.Chart | None:
-    """Return a chart of probed tasks animated over steps, a panel per teacher, or None without probes."""
+    """Return a chart of probed tasks, animated over steps with a panel per teacher; None without probes."""
     view, panels = TaskView(axes), []
     for teacher, label in short_labels(curricula, base.LONGEST_NAME).items():
         steps = sorted({int(step) for step in curricula[teacher].probes["step"]})
@@ -179,7 +179,7 @@ def _grid(panels: Sequence[base.Panel], name: str, heading: str, caption: str) -
 def training_tasks(
     curricula: Mapping[str, RunCurriculum], axes: Sequence[Axis], name: str, caption: str
 ) -> base.Chart | None:
-    """Return a chart of training tasks coloured by return, animated over runs, or None without episodes."""
+    """Return a chart of training tasks coloured by return, animated over steps; None without episodes."""
     view, panels = TaskView(axes), []
     shown = {teacher: curriculum for teacher, curriculum in curricula.items() if len(curriculum.episodes)}
     if not shown or not view.varied:
@@ -206,7 +206,7 @@ def return_colours(curricula: Mapping[str, RunCurriculum]) -> base.ColourScale:
 def episode_marks(
     part: RunCurriculum, teacher: str, view: TaskView, colours: base.ColourScale, most: int
 ) -> base.Scatter:
-    """Return the marks of at most `most` evenly spaced training tasks, coloured by return."""
+    """Return the marks of up to `most` training tasks, evenly spaced over `part` and coloured by return."""
     chosen = base.spaced_indices(len(part.episodes), most)
     xs, ys = view.dots(part.tasks[chosen].astype(np.float64) if chosen else np.empty((0, 0)))
     returns = part.episodes["episodic_return"].to_numpy(np.float64)[chosen].round(1)
@@ -223,7 +223,7 @@ def episode_marks(
 
 
 def projected(curriculum: RunCurriculum, dimensions: tuple[int, int]) -> RunCurriculum:
-    """Return the projection of a curriculum onto two task dimensions, with marginals of Gaussians.
+    """Return the projection of a curriculum onto two task dimensions, with Gaussians marginalised.
 
     Args:
         curriculum: curriculum of any number of dimensions.

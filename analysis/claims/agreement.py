@@ -1,4 +1,4 @@
-"""Rank agreement between results and the paper's tables, by Kendall's tau."""
+"""Rank agreement of results with the paper's tables, measured by Kendall's tau."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -84,7 +84,7 @@ Ranked: TypeAlias = dict[str, tuple[Sample, list[Description]]]
 
 
 def _rankings(root: RootSource) -> Iterator[tuple[Reading, tuple[KnowledgeLevel, ...], Ranked]]:
-    """Yield each pair of rankings to compare: challenge, levels with the same runs, teachers' results."""
+    """Yield a challenge, the levels that share the same runs, and the teachers' results in both rankings."""
     paper = PaperSource()
     for environment, challenge in dict.fromkeys((m.environment, m.challenge) for m in MATRICES):
         by_runs: dict[object, tuple[list[KnowledgeLevel], Ranked]] = {}
@@ -131,7 +131,7 @@ def draws_of_entries(entries: Sequence[Description], rng: np.random.Generator) -
 
 
 def kendall(first: Floats, second: Floats) -> Floats:
-    """Return Kendall's tau-b of two arrays of values (..., n), NaN where all values of one are equal."""
+    """Return Kendall's tau-b of two arrays (..., n), NaN where all values in one of them are equal."""
     rows, columns = np.triu_indices(first.shape[-1], 1)
     signs = [np.sign(values[..., rows] - values[..., columns]) for values in (first, second)]
     ordered = [np.abs(sign).sum(axis=-1) for sign in signs]
@@ -140,7 +140,7 @@ def kendall(first: Floats, second: Floats) -> Floats:
 
 
 def tau_interval(tau: float, draws: Floats) -> tuple[float, float]:
-    """Return the 95 % prediction interval of tau for equally many new runs of the same teachers.
+    """Return the 95 % prediction interval of tau for as many new runs of the same teachers.
 
     Bootstrap percentiles are shifted to `tau`, since noise of the draws biases tau towards 0 once more. The
     bias by noise of the runs remains: the order of the true means may agree better.
@@ -149,7 +149,7 @@ def tau_interval(tau: float, draws: Floats) -> tuple[float, float]:
         tau: tau of the results.
         draws: tau of each bootstrap draw (n,).
     """
-    finite = draws[np.isfinite(draws)]  # tau is NaN where all means of a draw are equal
+    finite = draws[np.isfinite(draws)]  # tau is NaN for draws in which all means are equal
     if not finite.size:
         return math.nan, math.nan
     low, high = np.quantile(tau + finite - finite.mean(), [1 - TAIL, TAIL])

@@ -1,4 +1,4 @@
-"""Test the paper's claims against results."""
+"""Tests of the paper's claims against results."""
 
 import math
 from collections import Counter
@@ -66,7 +66,7 @@ class ClaimVerdict:
         return f"{self.standing} ({self.conditions})" if self.standing is Standing.NOT_SEEN else self.standing
 
     def describe(self) -> str:
-        """Return a phrase about how many statements are supported, refuted or undecided."""
+        """Return a phrase with the numbers of statements supported, refuted or undecided."""
         counts = Counter(finding.standing for finding in self.findings)
         parts = [f"{counts[Standing.SUPPORTED]} of {len(self.findings)} statements supported"]
         parts += [f"{counts[s]} {s}" for s in Standing if s is not Standing.SUPPORTED and counts[s]]
@@ -114,13 +114,13 @@ Levels: TypeAlias = Mapping[Reading, tuple[KnowledgeLevel, ...]]
 
 
 def _distinct(claim: Claim, source: Source) -> list[tuple[Statement, Levels]]:
-    """Return the statements of a claim with the levels of their readings, merging those on the same runs."""
+    """Return a claim's statements with the levels of their readings, merging statements on the same runs."""
     groups: dict[object, list[Statement]] = {}
     for index, statement in enumerate(claim.statements):
         samples = [source.sample(reading) for reading in _readings(statement)]
         runs = tuple(sample.runs if sample else frozenset() for sample in samples)
         key: object = index
-        if all(runs) and not isinstance(statement, Ranked):  # a rank also depends on other teachers' runs
+        if all(runs) and not isinstance(statement, Ranked):  # a rank depends on other teachers' runs, too
             content = (
                 replace(value, level=KnowledgeLevel.NONE) if isinstance(value, Reading) else value
                 for value in vars(statement).values()
@@ -140,7 +140,7 @@ def _distinct(claim: Claim, source: Source) -> list[tuple[Statement, Levels]]:
 
 
 def _readings(statement: Statement) -> tuple[Reading, ...]:
-    """Return the readings of a statement: results of a teacher on a challenge."""
+    """Return the readings of a statement, each the results of a teacher on a challenge."""
     return tuple(value for value in vars(statement).values() if isinstance(value, Reading))
 
 

@@ -47,9 +47,9 @@ class Sample:
     """Results for a reading of a claim: values of runs, or published statistics."""
 
     description: Description  # n, mean (over strata) and std of mastered %
-    strata: Mapping[str, pd.Series] = field(default_factory=dict)  # runs' values by body and student
+    strata: Mapping[str, pd.Series] = field(default_factory=dict)  # values of the runs, by body and student
     seeds: Seeds = field(default_factory=dict)  # seeds of paired runs, by run id
-    least: Mapping[str, float] = field(default_factory=dict)  # least variance in tests, by stratum
+    least: Mapping[str, float] = field(default_factory=dict)  # `statistics.least_variance`, by stratum
 
     @property
     def runs(self) -> frozenset[object]:
@@ -94,7 +94,7 @@ class Sample:
         return compared_over_strata(pairs, stratum_weights([0] * len(pairs)), seeds)
 
     def times(self, factor: float) -> "Sample":
-        """Return a copy of the sample with values multiplied by `factor`, and with new run ids."""
+        """Return a copy of the sample with its values multiplied by `factor`, and with new run ids."""
         n, mean, std = self.description.n, self.description.mean, self.description.std
         strata = {
             name: (factor * values).rename(lambda run: (factor, run)) for name, values in self.strata.items()
@@ -121,7 +121,7 @@ USUAL = "the paper's bodies, students and test tasks"
 
 
 class PaperSource:
-    """Source backed by the paper's tables: results at the end of training, split by body in Parkour alone."""
+    """Source backed by the paper's tables: results at the end of training, split by body only in Parkour."""
 
     def sample(self, reading: Reading) -> Sample | None:
         """Return the published result for a reading, or None if there is none."""
@@ -184,7 +184,7 @@ class RootSource:
 
     def _runs(self, environment: str, share: float) -> pd.DataFrame:
         """Return the runs of the paper's teachers in an environment after a share of the budget."""
-        # the arguments with which pages call it, so that its cached result is reused
+        # same arguments as pages use, to share the cached result
         runs = pooling.runs_after(self._frames, share, training=share == 1)
         return runs[(runs["environment"] == environment) & runs["teacher"].isin(TEACHERS)]
 
@@ -196,7 +196,7 @@ class RootSource:
         self, environment: str, share: float, by_body: bool
     ) -> dict[tuple[str, ...], dict[str, Sample]]:
         """Return the samples of complete pools by (challenge, level[, body]) and teacher."""
-        if environment not in self._conditions:  # no run of the paper's teachers has started
+        if environment not in self._conditions:  # no run of the paper's teachers has started there
             return {}
         by = ["embodiment"] if by_body else []
         runs, table = self._runs(environment, share), self._pooled(environment, share, by)
@@ -240,7 +240,7 @@ def _with_least(samples: Mapping[str, Sample]) -> dict[str, Sample]:
 
 
 def _chosen_conditions(tables: Mapping[str, pd.DataFrame]) -> tuple[dict[str, pd.Series], str]:
-    """Return the conditions whose results are used in each environment, and sentences about the others.
+    """Return the conditions chosen for each environment, and sentences about the others.
 
     Args:
         tables: results from `pooling.pooled` by environment.

@@ -14,7 +14,7 @@ from analysis.statistics.samples import DEFAULT_MARGIN, Standing
 from tma_ray.console.terminal import terminal
 from tma_ray.support.texts import counted
 
-MAX_WIDTH = 100  # largest number of characters of a line
+MAX_WIDTH = 100  # maximum number of characters in a line
 
 STYLES = {
     Standing.SUPPORTED: "green",

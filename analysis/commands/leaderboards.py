@@ -58,7 +58,7 @@ COLUMN_AXES = (FINAL, HEADLINE)  # measures in the order of the columns
 TEACHER_WIDTH = 18
 """Width of the teacher column in the terminal, in characters; a whole board then fits into 100."""
 
-CHALLENGE_WIDTH = 11  # width of a challenge's column, in characters; six of them fit on a line
+CHALLENGE_WIDTH = 11  # width of a challenge's column, in characters, so that six fit on a line
 
 
 @object_strings()
@@ -120,7 +120,7 @@ def tell(console: Console, text: str, style: str | None = None) -> None:
 
 
 def release_locations(names: Sequence[str]) -> list[tuple[str, str, str]]:
-    """Return name, location and missing runs (as text) of releases, by default of all, newest first."""
+    """Return name, location and missing runs (as text) of each release; by default all, newest first."""
     if not names:
         releases = [release for release in baselines() if release.manifest.kind is BaselineKind.RUNS]
         return list(map(_described, sorted(releases, key=lambda release: release.manifest.created)[::-1]))

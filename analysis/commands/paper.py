@@ -25,10 +25,10 @@ from tma_ray.support.component_names import nearest
 class Written(NamedTuple):
     """Written files, with warnings about missing data."""
 
-    files: tuple[Path, ...]  # files of tables, or vector, PNG and GIF files of figures
-    warnings: tuple[str, ...]  # sentences about limits of the data
+    files: tuple[Path, ...]  # files of tables, or of figures (vector, PNG and GIF)
+    warnings: tuple[str, ...]  # sentences about the limitations of the data
     text: str = ""  # content of all tables
-    left_out: tuple[str, ...] = ()  # figures without enough data, with the reason
+    left_out: tuple[str, ...] = ()  # figures without enough data, each with the reason
 
 
 def write_tables(
@@ -148,7 +148,7 @@ DOCUMENT_END = r"\end{document}" + "\n"
 TABLE = r"""\input{tables/%s}
 \clearpage"""
 
-# Without the inner braces, LaTeX takes ".5" in a name such as "after-0.5" for the suffix.
+# Without the inner braces, LaTeX would take ".5" in a name such as "after-0.5" as the file's extension.
 FIGURE = r"""\begin{figure}[p]
 \centering
 \includegraphics[width=\linewidth,height=.85\textheight,keepaspectratio]{{figures/%s}.pdf}

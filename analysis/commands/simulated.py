@@ -1,4 +1,4 @@
-"""Results of simulated students in the terminal: mastered tasks, recovery after resets."""
+"""Tables of simulated students' results in the terminal: mastered tasks, recovery after resets."""
 
 import math
 from collections.abc import Iterator
@@ -41,7 +41,7 @@ def write(frame: pd.DataFrame, path: Path) -> None:
 
 
 def show(frame: pd.DataFrame) -> None:
-    """Print `mastered_table`, and `recovery_table` if it has rows."""
+    """Print `mastered_table` of `frame`, and `recovery_table` if it has rows."""
     console = terminal()
     title = "mastered test tasks in %, mean ± 95 % margin over seeds"
     console.print(rich_table(mastered_table(frame), f"{title}; {BETTER}{WORSE} differs from {BASELINE}"))
@@ -79,7 +79,7 @@ def mastered_table(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def recovery_table(frame: pd.DataFrame) -> pd.DataFrame:
-    """Return a table of mastered % as text, before and after the first reset of forgetting students."""
+    """Return mastered % as text, before and after the first reset, for students that are reset."""
     forgetting = frame[frame["before_reset"].notna()]
     rows = [
         {"teacher": teacher, "expert knowledge": levels}
@@ -105,7 +105,7 @@ def rich_table(table: pd.DataFrame, title: str) -> Table:
 
 
 def _rows(frame: pd.DataFrame) -> Iterator[tuple[str, str, pd.DataFrame]]:
-    """Yield a teacher, its levels with the same runs, and these runs, one item per table row."""
+    """Yield one table row at a time: a teacher, the levels that share the same runs, and those runs."""
     for teacher in dict.fromkeys(frame["teacher"]):
         rows = frame[frame["teacher"] == teacher]
         used = rows.drop_duplicates("expert_knowledge").set_index("expert_knowledge")["effective_knowledge"]
@@ -116,7 +116,7 @@ def _rows(frame: pd.DataFrame) -> Iterator[tuple[str, str, pd.DataFrame]]:
 
 
 def _mean(values: pd.Series) -> str:
-    """Return the mean ± half the width of its 95 % interval as text; for a single value, the value alone."""
+    """Format the mean ± half the width of its 95 % interval, or a single value without an interval."""
     sample = describe(values)
     low, high = mean_interval(sample)
     return plus_minus(sample.mean, (high - low) / 2)
@@ -126,5 +126,5 @@ def _against(cell: pd.DataFrame, baseline: pd.DataFrame) -> Comparison:
     if cell.empty or is_baseline(str(cell["teacher"].iloc[0])):
         return Comparison(len(cell), len(baseline), math.nan, reason="the baseline, or no results")
     played = (rows[rows["mastered_percent"].notna()] for rows in (cell, baseline))
-    # Paired, since runs with the same seed train the same student.
+    # Paired, since runs with the same seed train identical students.
     return paired(*(rows.set_index("seed")["mastered_percent"] for rows in played))

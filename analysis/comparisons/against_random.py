@@ -1,4 +1,4 @@
-"""Differences from Random over challenges: during training, at the end, and per trained step."""
+"""Differences from Random over all challenges: during training, at the end, and per trained step."""
 
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
@@ -49,12 +49,12 @@ class AgainstRandom:
     newcomer: bool  # True if the teacher is not in the core, and is tested alone
     across: Mapping[str, Any]  # conditions: values of `ACROSS`
     challenges: int  # number of challenges
-    fewest: int  # smallest number of runs of either teacher on a challenge
-    gaps: Mapping[str, Gap]  # by measure; `TRAINED` only if less than `NEARLY_ALL` % of steps was trained
+    fewest: int  # minimum number of runs of either teacher on a challenge
+    gaps: Mapping[str, Gap]  # differences by measure; `TRAINED` only if under `NEARLY_ALL` % of steps trained
 
     @property
     def verdict(self) -> str:
-        """Verdict over training and at the end, and per trained step if compared."""
+        """Verdicts for the mean over training and the final results, and per trained step where available."""
         words = on_both_axes(self.gaps[HEADLINE].verdict, self.gaps[FINAL].verdict)
         return f"{words}; per trained step {self.gaps[TRAINED].verdict}" if TRAINED in self.gaps else words
 
@@ -100,7 +100,7 @@ def _per_trained_step(curves: Curves, runs: pd.DataFrame, teacher: str) -> Gap:
 def sentences_against_random(
     comparisons: Collection[AgainstRandom], teachers: Collection[str] | None = None
 ) -> Iterator[str]:
-    """Yield a sentence per verdict over several challenges, naming the teachers with that verdict.
+    """Yield a sentence for each verdict over several challenges, naming the teachers it applies to.
 
     Args:
         comparisons: results from `against_random`.

@@ -95,7 +95,7 @@ def improvements(
         samples = {str(name): strata_of(part, measure) for name, part in group.groupby("teacher")}
         for first, second in pairs_of(list(samples), reference):
             values, others = dict(samples[first]), dict(samples.get(second, {}))
-            for stratum in values.keys() & others.keys():  # paired runs count only for seeds in common
+            for stratum in values.keys() & others.keys():  # only paired runs with common seeds count
                 values[stratum], others[stratum] = in_common(values[stratum], others[stratum], seeds)
             estimate = vars(probability_of_improvement(values, others))
             estimate |= {} if second in samples else {"reason": nobody(second)}
@@ -104,7 +104,7 @@ def improvements(
 
 
 def stratified_means(runs: pd.DataFrame, measure: str, within: Sequence[str] = ACROSS) -> pd.DataFrame:
-    """Return the mean of each teacher over all challenges on which it has runs, one row per teacher.
+    """Return the mean of each teacher over all challenges that it has runs on, one row per teacher.
 
     Weights are those of `pairwise.over_challenges`. Intervals of percentages stay within 0 and 100.
 
@@ -127,7 +127,7 @@ def stratified_means(runs: pd.DataFrame, measure: str, within: Sequence[str] = A
 
 
 def _clusters(sample: Mapping[str, pd.Series], seeds: Seeds) -> Seeds | None:
-    """Return the seeds of a sample if its runs are paired by them, else None."""
+    """Return `seeds` as clusters for resampling if the runs of the sample are paired by seed, else None."""
     return seeds if are_paired(list(sample.values()), seeds) else None
 
 

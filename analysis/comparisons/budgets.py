@@ -1,4 +1,4 @@
-"""Agreement of the order of teachers after a small budget with their order after larger ones."""
+"""Agreement of the ranking of teachers after a small budget with the rankings after larger ones."""
 
 import itertools
 import math
@@ -85,7 +85,7 @@ def effect_correlation(spaces: Sequence[Mapping[Any, ArrayLike]]) -> EffectCorre
 
 
 def _drawn(covariance: Floats, freedom: int, rng: np.random.Generator) -> Floats:
-    """Return draws (n, 2, 2) of a true covariance matrix, given its estimate (2, 2).
+    """Draw true covariance matrices (n, 2, 2), given their estimate (2, 2).
 
     Wishart matrices are L L' with Bartlett's lower triangular L.
     """
@@ -100,7 +100,7 @@ def _drawn(covariance: Floats, freedom: int, rng: np.random.Generator) -> Floats
 
 
 def _correlations(covariances: Floats) -> Floats:
-    """Return the correlation in each matrix (m, 2, 2), clipped to [-1, 1], NaN without positive variances."""
+    """Return the correlation of each covariance matrix (m, 2, 2), clipped; NaN without positive variances."""
     first, second, both = covariances[:, 0, 0], covariances[:, 1, 1], covariances[:, 0, 1]
     positive = (first > 0) & (second > 0)
     product = np.where(positive, first * second, 1.0)
@@ -156,7 +156,7 @@ class BudgetComparison:
         return sorted(self.means.columns.get_level_values("budget").unique())
 
     def row(self, budget: int) -> list[str]:
-        """Return a later budget's table row: correlation and reversed pairs for `FINAL` and `HEADLINE`."""
+        """Return a later budget's table row: correlation and reversed pairs, for `FINAL` and `HEADLINE`."""
         by_measure = {
             agreement.measure: agreement for agreement in self.agreements if agreement.budget == budget
         }
@@ -175,7 +175,7 @@ class BudgetComparison:
 
 
 def compare_budgets(frames: Frames, runs: pd.DataFrame) -> BudgetComparison | None:
-    """Compare a leaderboard's teachers at the `BUDGETS` that its runs reach; return None for fewer than two.
+    """Compare a leaderboard's teachers at the `BUDGETS` that all its runs reach; None if fewer than two are.
 
     Args:
         frames: results with these runs.

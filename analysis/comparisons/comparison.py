@@ -25,9 +25,9 @@ from analysis.measures.tested import HEADLINE, MEASURES
 from analysis.names import challenge_title, label, teacher_order
 from tma_ray.support.component_names import base_name
 
-ALL_SHOWN = 12  # largest number of teachers of which a page initially shows all
+ALL_SHOWN = 12  # a page with at most this many teachers initially shows all of them
 
-MOST_SHOWN = 8  # number of teachers besides Random initially shown on a page with more than `ALL_SHOWN`
+MOST_SHOWN = 8  # a page with more teachers initially shows this many besides Random
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +78,7 @@ class Measurements:
 
     @property
     def comparisons(self) -> tuple["TeacherComparison", ...]:
-        """Comparisons in a fixed order, created anew at each access so that their curricula can be freed."""
+        """Comparisons in a fixed order, created anew on each access so that cached curricula can be freed."""
         return tuple(TeacherComparison(measurements=self, **parts) for parts in self._parts)
 
     @cached_property
@@ -126,12 +126,12 @@ class TeacherComparison:
 
     @cached_property
     def ceiling(self) -> float | None:
-        """Percentage of the environment's test tasks that any run masters; see `ceiling_percent`."""
+        """Percentage of the environment's test tasks that at least one run masters; see `ceiling_percent`."""
         return ceiling_percent(self.frames, str(self.cells["environment"].iloc[0]))
 
     @cached_property
     def reference(self) -> pd.DataFrame:
-        """Evaluations of Random, if necessary from another level or another experiment."""
+        """Evaluations of Random, taken from another level or experiment if it has none here."""
         return reference_of(self.evaluations, self.measurements.randoms)
 
     @cached_property
@@ -169,7 +169,7 @@ class TeacherComparison:
 
 
 def _titles(cells: Sequence[pd.Series]) -> list[str]:
-    """Return the titles of comparisons, prefixed by the experiment where they would otherwise be equal."""
+    """Return the titles of comparisons, prefixed by the experiment if they would otherwise be ambiguous."""
     several_engines = len({cell["engine"] for cell in cells}) > 1
     titles = []
     for cell in cells:

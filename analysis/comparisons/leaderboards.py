@@ -117,7 +117,7 @@ class Leaderboard:
         return f"{first}. Mastered test tasks in the end: {', '.join(means)}."
 
     def marked(self, entry: Entry) -> str:
-        """Return the name of a teacher with the marks of its footnotes (see `notes`) and `names.mark_of`."""
+        """Return a teacher's name with the marks of its footnotes (see `notes`) and of `names.mark_of`."""
         partly = bool(entry.against and TRAINED in entry.against.gaps)
         marks = "*" * entry.ranks[HEADLINE].newcomer + "†" * partly
         return f"{self.names[entry.teacher]}{' ' * bool(marks)}{marks}{mark_of(entry.teacher)}"
@@ -141,7 +141,7 @@ class Leaderboard:
 
 
 def notes(board: Leaderboard) -> list[str]:
-    """Return the notes below a board: comparisons per trained step, settings left out of names, few seeds."""
+    """Return the notes below a board: comparisons per trained step, omitted settings, few seeds."""
     sentences = []
     gaps = [(entry, entry.against.gaps) for entry in board.entries if entry.against]
     parts = [
@@ -173,7 +173,7 @@ def notes(board: Leaderboard) -> list[str]:
 def leaderboards(
     frames: Frames, runs: pd.DataFrame | None = None, *, subsets: bool = True
 ) -> list[Leaderboard]:
-    """Return leaderboards for each level of expert knowledge and budget, those with the most runs first.
+    """Return the leaderboards for each level of expert knowledge and budget, those with most runs first.
 
     Besides the leaderboard of teachers with results on all challenges there is one for each set of
     `challenge_sets`. Only runs that have ended count. Levels with the same runs are one.
@@ -199,7 +199,7 @@ def leaderboards(
 
 
 def _blocks(runs: pd.DataFrame, measure: str) -> Iterator[tuple[dict[str, Any], pd.DataFrame]]:
-    """Yield the values of `BLOCK_COLUMNS` and the runs of each block: teachers on the same challenges."""
+    """Yield, for each block (teachers on the same challenges), the values of `BLOCK_COLUMNS` and the runs."""
     for key, group in runs[runs[measure].notna()].groupby(ACROSS, dropna=False, sort=True):
         for block, (part, of) in enumerate(challenge_sets(group)):
             challenges = int(part.groupby(CHALLENGE, dropna=False).ngroups)
@@ -225,7 +225,7 @@ def challenge_sets(runs: pd.DataFrame) -> Iterator[tuple[pd.DataFrame, int]]:
 
 
 def _distinction(where: Mapping[str, Any], part: pd.DataFrame, runs: pd.DataFrame) -> list[str]:
-    """Return the environments and conditions (as text) that set `part` apart from the other `runs`."""
+    """Return the environments and conditions, as text, that distinguish `part` from the other `runs`."""
     for name in ("expert_knowledge", "steps", "engine", "physics_version"):
         runs = runs[runs[name].astype(str) == str(where[name])]
     environments = sorted(part["environment"].unique())
@@ -272,7 +272,7 @@ def _board(
 
 
 def _columns(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    """Return the runs of each challenge, and those of the bodies of a single challenge, by title."""
+    """Return the runs of each challenge, and of each body if there is a single challenge, by title."""
     titles = [challenge_title(*key) for key in zip(runs["environment"], runs["challenge"], strict=True)]
     columns = {str(name): part for name, part in runs.groupby(np.array(titles, dtype=object))}
     return columns | {title("embodiment", body): runs[runs["embodiment"] == body] for body in _bodies(runs)}
@@ -286,7 +286,7 @@ def _bodies(runs: pd.DataFrame) -> list[str]:
 
 
 def overall(runs: pd.DataFrame, measure: str = HEADLINE) -> pd.DataFrame:
-    """Return estimates over shared challenges: one row per teacher, level and budget, best teacher first.
+    """Return estimates over shared challenges, one row per teacher, level and budget, best teacher first.
 
     Teachers are compared on the same challenges only, in a block of rows for each of `challenge_sets`.
 
@@ -360,12 +360,12 @@ def performance_profiles(runs: pd.DataFrame, measure: str = HEADLINE) -> Iterato
 
 
 def _named_conditions(runs: pd.DataFrame) -> list[str]:
-    """Return the conditions to name in titles: the budget, and those that vary."""
+    """Return the conditions to name in titles: the budget, and any others that vary."""
     return list(dict.fromkeys(["steps", *varying(runs)])) if len(runs) else []
 
 
 def _block_title(row: pd.Series, named: Sequence[str]) -> str:
-    """Return the level and conditions of a block, and its number of challenges if these are not all."""
+    """Return a title with a block's level and conditions, and its number of challenges if not all."""
     words = [f"expert knowledge {row['expert_knowledge']}", *condition_words(row, named)]
     if row["challenges"] < row["of"]:
         words.append(f"{row['challenges']} of {row['of']} challenges")

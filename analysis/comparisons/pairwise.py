@@ -137,7 +137,7 @@ def pairwise(
 def over_challenges(
     runs: pd.DataFrame, measure: str, reference: str | Collection[str] | None = None
 ) -> pd.DataFrame:
-    """Return the tests between teachers over all challenges that both have, weighted equally."""
+    """Return the tests between teachers over all challenges that both have results on, weighted equally."""
     return pairwise(runs, measure, reference, ACROSS, strata=STRATA, detectable=False)
 
 
@@ -237,7 +237,7 @@ def against_baseline(finals: pd.DataFrame, curves: pd.DataFrame, measures: Itera
 
 
 def along_baseline(curves: pd.DataFrame, reference: pd.DataFrame, measure: str) -> pd.DataFrame:
-    """Return the tests of all teachers against Random at every evaluation, Holm-corrected at each step.
+    """Return the tests of all teachers against Random at every evaluation, with Holm's correction per step.
 
     Args:
         curves: results from `evaluation_curves`, of one comparison.
@@ -277,7 +277,7 @@ def _samples_at_steps(
 def _at_one_step(
     runs: pd.DataFrame, reference: pd.DataFrame, curves: pd.DataFrame
 ) -> tuple[float, str, tuple[pd.DataFrame, pd.DataFrame]]:
-    """Return the step of a comparison, the reason for no test (or ""), and the rows of both groups."""
+    """Return the step at which to compare, any reason for not testing, and the rows of both groups."""
     step = min(runs["step"].max(), reference["step"].max())
     if reference.empty:
         return step, NO_BASELINE, (runs, reference)
@@ -291,7 +291,7 @@ def _at_one_step(
 
 def _sample_of(rows: pd.DataFrame, measure: str) -> pd.Series:
     """Return the values of `measure`, indexed by run id."""
-    # object dtype, since pandas would convert the strings to Arrow strings
+    # object dtype, lest pandas convert the strings to Arrow strings
     run_ids = pd.Index(rows["run_id"].to_numpy(object), dtype=object)
     return pd.Series(rows[measure].to_numpy(float), run_ids)
 
@@ -302,13 +302,13 @@ def randoms_of(rows: pd.DataFrame) -> Randoms:
 
 
 def reference_of(teachers: pd.DataFrame, randoms: Randoms) -> pd.DataFrame:
-    """Return the rows of Random that the teachers of one comparison are tested against."""
+    """Return the rows of Random against which the teachers of one comparison are tested."""
     alike = randoms.get(tuple(teachers[RANDOM_ALIKE].iloc[0]), teachers.head(0))
     return baseline_runs(teachers, alike, RANDOM_APART).drop_duplicates(["run_id", "step"])
 
 
 def pairs_of(names: Sequence[str], reference: str | Collection[str] | None) -> Iterator[tuple[str, str]]:
-    """Yield the pairs of names that include `reference` (one name or several), or all pairs if it is None."""
+    """Yield the pairs of names that include a `reference` (one name or several), or all pairs if None."""
     if not isinstance(reference, str):
         pairs = itertools.combinations(names, 2)
         yield from (pair for pair in pairs if reference is None or not set(pair).isdisjoint(reference))
@@ -360,14 +360,14 @@ def strata_of(rows: pd.DataFrame, measure: str) -> dict[str, pd.Series]:
 
 
 def by_challenge(rows: pd.DataFrame, measure: str) -> dict[Hashable, dict[str, pd.Series]]:
-    """Return samples by challenge and stratum (values indexed by run id), from rows of `stratified_runs`."""
+    """Return the samples (values by run id) of each challenge and stratum in rows of `stratified_runs`."""
     return _by_group(rows, measure, np.zeros(len(rows), np.int64)).get(0, {})
 
 
 def _by_group(
     rows: pd.DataFrame, measure: str, groups: NDArray[np.int64]
 ) -> dict[int, dict[Hashable, dict[str, pd.Series]]]:
-    """Return the samples of each group with values, as in `by_challenge`; `groups` (n,) are group numbers."""
+    """Like `by_challenge`, for each group that has values; `groups` (n,) are the rows' group numbers."""
     columns = ("stratum_name", "stratum", "challenge_number")
     names, strata, challenges = (rows[column].to_numpy() for column in columns)
     measured = np.flatnonzero(rows[measure].notna().to_numpy())
@@ -395,7 +395,7 @@ CORRECTED = ["holm", "simultaneous_low", "simultaneous_high"]
 
 
 def corrected(table: pd.DataFrame, family: Sequence[str]) -> pd.DataFrame:
-    """Return `table` with the columns `CORRECTED` added; tests with equal values of `family` are a family."""
+    """Add the columns `CORRECTED` to `table`, correcting tests with equal values of `family` together."""
     groups = table.groupby(list(family), dropna=False).indices.values() if family else [np.arange(len(table))]
     columns = ["difference", "low", "high", "degrees_of_freedom"]
     numbers, p_values = table[columns].to_numpy(float), table["p"].to_numpy(float)
@@ -418,7 +418,7 @@ def _family_of(first: str, second: str, core: frozenset[str]) -> str:
 class _Sample:
     """Measured values of a group of runs."""
 
-    challenges: Mapping[Hashable, Mapping[str, pd.Series]]  # values by challenge, stratum and run id
+    challenges: Mapping[Hashable, Mapping[str, pd.Series]]  # values by challenge, then stratum, then run id
     uncounted: int  # number of runs without a value
 
     @cached_property
@@ -437,7 +437,7 @@ class _Sample:
 
     @property
     def described(self) -> Description:
-        """Number of runs, and their standard deviation within strata, assuming strata of equal size."""
+        """Number of runs, and their standard deviation within strata as if strata were of equal size."""
         std = math.sqrt(sum(part.std**2 for part in self.parts.values()) / len(self.parts))
         return Description(self.n, math.nan, std)
 
@@ -467,7 +467,7 @@ def _detectable(row: Mapping[str, Any], first: _Sample, second: _Sample) -> floa
 def _least_variances(
     samples: Mapping[str, _Sample], core: Collection[str]
 ) -> dict[tuple[Hashable, str], float]:
-    """Return the least variance allowed in each stratum, computed over its core teachers, or all if none."""
+    """Return the `least_variance` of each stratum, over the core teachers in it, or all if it has none."""
     values: dict[tuple[Hashable, str], dict[bool, list[Description]]] = {}
     for name, sample in samples.items():
         for stratum, part in sample.parts.items():
@@ -478,7 +478,7 @@ def _least_variances(
 def _compared(
     first: _Sample, second: _Sample, seeds: Seeds, least: Mapping[tuple[Hashable, str], float]
 ) -> dict[str, object]:
-    """Return the columns of a test between two groups, over challenges where both have the same strata."""
+    """Test two groups over the challenges on which both have the same strata; return the columns by name."""
     ours, others = first.challenges, second.challenges
     common = [key for key in ours if key in others and set(ours[key]) == set(others[key])]
     names = [(key, stratum) for key in common for stratum in sorted(ours[key])]

@@ -1,4 +1,4 @@
-"""Power analysis of experiments: detectable differences, and runs needed for comparisons with Random."""
+"""Power analysis of experiments: detectable differences, and numbers of runs to compare with Random."""
 
 import math
 from collections.abc import Collection, Hashable, Mapping, Sequence
@@ -23,7 +23,7 @@ PAPER, LITE = "paper", ("lite-1", "lite-2")
 """Sources of standard deviations: the paper's last evaluations, or the headline measure in the first of
 these releases that has a student of the plan."""
 
-FLOOR = 5.0  # mastered % of the best teacher below which a challenge's deviations are unusable
+FLOOR = 5.0  # deviations are unusable on challenges where the best teacher masters a smaller %
 
 LITE_BUDGET = 6_000_000
 """Largest budget, in steps, that is closer (as a ratio) to the 2 million steps of `LITE` than to the paper's
@@ -74,7 +74,7 @@ def _lite_students(name: str) -> frozenset[str]:
 
 @cache
 def _lite_deviations(name: str) -> dict[Hashable, list[float]]:
-    """Return the standard deviations of a release's teachers with the most seeds, by challenge.
+    """Return, by challenge, the standard deviations of those of a release's teachers that have most seeds.
 
     Challenges on which no teacher masters `FLOOR` % are missing.
     """
@@ -89,7 +89,7 @@ def _lite_deviations(name: str) -> dict[Hashable, list[float]]:
 def plans_against_random(
     runs: pd.DataFrame, teachers: Collection[str], hours: pd.Series, measure: str = HEADLINE
 ) -> list[str]:
-    """Return sentences about the runs and hours that undecided comparisons with Random need.
+    """Return sentences about the runs and hours it would take to decide comparisons with Random.
 
     Args:
         runs: rows from `pooling.pool_runs`.

@@ -1,4 +1,4 @@
-"""Ranks of teachers over challenges: core teachers among themselves, and newcomers among the core.
+"""Ranks of teachers over all challenges: core teachers among themselves, newcomers among the core.
 
 In all functions `runs` are rows from `pooling.pool_runs`, and `measure` is a column of them, in per cent.
 """
@@ -20,9 +20,9 @@ from analysis.names import label
 from analysis.statistics import SIGNIFICANCE
 from tma_ray.support.texts import counted
 
-EQUAL = 1e-9  # difference of means, in points, below which two teachers share a rank
+EQUAL = 1e-9  # teachers whose means differ by less, in points, share a rank
 
-DRAWS = 20_000  # number of draws of true means, for the probability of being the best
+DRAWS = 20_000  # number of draws of true means, to estimate the probability of being best
 
 
 @dataclass(frozen=True)
@@ -32,20 +32,20 @@ class Rank:
     teacher: str  # name of the teacher
     measure: str  # measure by which teachers are ranked
     newcomer: bool  # True if the teacher joined later; the core is ranked without it
-    across: dict[str, Any]  # values of `ACROSS` that all ranked teachers have in common
+    across: dict[str, Any]  # values of `ACROSS`, which all ranked teachers have in common
     challenges: int  # number of challenges
-    mean: float  # mastered test tasks in %, the equally weighted mean over challenges
+    mean: float  # mastered test tasks in %, averaged over challenges with equal weights
     low: float  # lower end of the 95 % interval; NaN if a challenge has a single run
     high: float  # upper end of the interval
     n: int  # number of runs
-    fewest: int  # smallest number of runs of a ranked teacher on a challenge
+    fewest: int  # minimum number of runs of a ranked teacher on a challenge
     rank: int  # 1 for the highest mean
     of: int  # number of ranked teachers
     better: tuple[str, ...]  # teachers with a lower mean, p < 0.05 after Holm's correction
     worse: tuple[str, ...]  # teachers with a higher mean, p < 0.05 after Holm's correction
-    undecided: tuple[str, ...]  # ranked teachers without a significant difference
-    left_out: tuple[str, ...]  # teachers that are not ranked, since they lack some of its challenges
-    chance: float  # probability of the highest true mean, among teachers with as many challenges
+    undecided: tuple[str, ...]  # ranked teachers from which it does not differ significantly
+    left_out: tuple[str, ...]  # teachers not ranked, for lack of results on some of its challenges
+    chance: float  # probability that its true mean is highest among teachers with as many challenges
 
     @property
     def best(self) -> int:
@@ -58,7 +58,7 @@ class Rank:
         return self.of - len(self.better)
 
     def describe(self) -> str:
-        """Return rank and verdicts in one sentence."""
+        """Return a sentence with the rank and the verdicts."""
         variant = f", {self.across['variant']}" if self.across["variant"] else ""
         where = (
             f"expert knowledge {self.across['expert_knowledge']}, {steps_text(self.across['steps'])} steps"
@@ -110,7 +110,7 @@ def ranks(runs: pd.DataFrame, teachers: Collection[str] | None = None, measure: 
         counts = {name: mean["challenges"] for name, mean in means.items()}
         tests = tests.assign(ranked=tests["challenges"] == tests["first"].map(counts))
         family = tests[tests["ranked"]]
-        family = family[~family.index.duplicated()]  # the index of a pair is the same from both sides
+        family = family[~family.index.duplicated()]  # both sides of a pair have the same index
         tests["holm"] = corrected(family, ["family"])["holm"].reindex(tests.index).to_numpy(float)
         by_teacher = dict(list(tests.groupby("first")))
         across = dict(zip(ACROSS, key, strict=True))
@@ -157,7 +157,7 @@ def _standing(mean: Mapping[str, Any], tests: pd.DataFrame) -> dict[str, Any]:
 
 
 def _chances(means: Mapping[str, Mapping[str, Any]]) -> dict[str, float]:
-    """Return each teacher's probability of the highest true mean, among those with as many challenges.
+    """Return each teacher's probability of having the highest true mean of those with as many challenges.
 
     True means are drawn independently from Student's t around the observed means.
     """
@@ -166,7 +166,7 @@ def _chances(means: Mapping[str, Mapping[str, Any]]) -> dict[str, float]:
     for challenges in {mean["challenges"] for mean in means.values()}:
         names = [name for name, mean in means.items() if mean["challenges"] == challenges]
         table = pd.DataFrame([means[name] for name in names])
-        errors = (table["difference"] / table["t"]).fillna(0.0).to_numpy(float)  # 0 without any spread
+        errors = (table["difference"] / table["t"]).fillna(0.0).to_numpy(float)  # 0 where no runs vary
         freedom = table["degrees_of_freedom"].fillna(1.0).to_numpy(float)
         drawn = table["difference"].to_numpy(float) + errors * rng.standard_t(freedom, (DRAWS, len(names)))
         best = np.bincount(drawn.argmax(axis=1), minlength=len(names))

@@ -1,4 +1,4 @@
-"""Sentences about comparisons and their uncertainty, and the ranking on each challenge."""
+"""Sentences about comparisons and their uncertainty, and tables of the ranking on each challenge."""
 
 import math
 
@@ -39,7 +39,7 @@ OTHERS = "\N{OBJECT REPLACEMENT CHARACTER}"
 
 
 def findings(summary: pd.DataFrame, tests: pd.DataFrame) -> list[str]:
-    """Return the sentences that open a comparison in a report, based on the headline measure.
+    """Return the sentences with which a comparison in a report begins, based on the headline measure.
 
     Args:
         summary: rows from `evaluations.summarise`.
@@ -159,7 +159,7 @@ def ranked(runs: pd.DataFrame, measure: str = HEADLINE) -> pd.DataFrame:
     tested = ["measure", "family", *(name for name in TEST if name != "n"), *CORRECTED]
     table = table.merge(tests[[*columns.POOLED, *tested]], on=columns.POOLED, how="left")
     table["reason"] = table["reason"].fillna("")
-    worst = runs.groupby(columns.POOLED, dropna=False, sort=True)[measure].min()  # in the order of `table`
+    worst = runs.groupby(columns.POOLED, dropna=False, sort=True)[measure].min()  # same order as `table`
     table["worst"] = worst.to_numpy()
     means = table.groupby(columns.COMPARED, dropna=False)[f"{measure}_mean"]
     table["rank"] = means.rank(ascending=False, method="min")
@@ -173,7 +173,7 @@ def ranking_sentences(table: pd.DataFrame) -> list[str]:
 
 
 def sentences(tests: pd.DataFrame) -> list[str]:
-    """Return sentences about tests (rows from `pairwise.pairwise`), those against Random first.
+    """Return sentences about `tests` (rows from `pairwise.pairwise`), those against Random first.
 
     Opponents with the same verdicts share a sentence. Differences are significant where p is below 0.05 after
     Holm's correction.
@@ -212,7 +212,7 @@ def _verdicts(rows: pd.DataFrame) -> str:
 
 
 def challenge_titles(table: pd.DataFrame) -> list[str]:
-    """Return the challenge title of each row, with the conditions in which rows of the challenge differ.
+    """Return each row's challenge title, with the conditions that vary among rows of the challenge.
 
     Args:
         table: rows with the columns `COMPARED`.

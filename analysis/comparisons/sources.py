@@ -31,7 +31,7 @@ class ResultSet:
     """Results of one source, a results root or a baseline."""
 
     name: str  # name on pages
-    engine: str  # simulator of the worlds
+    engine: str  # simulators of the worlds, with any physics versions
     table: pd.DataFrame  # results from `pooling.pooled`, or from `reference.paper_frame`
     runs: pd.DataFrame | None = None  # rows from `pooling.pool_runs`; None for published tables
     frames: Frames | None = None  # results of the root; None for published tables
@@ -50,7 +50,7 @@ def result_set(frames: Frames, name: str) -> ResultSet:
 def named_jointly(
     yours: ResultSet, baselines: Sequence[ResultSet]
 ) -> tuple[ResultSet, list[ResultSet], tuple[str, ...]]:
-    """Return the result sets with names unambiguous across all of them, and a sentence about each new name.
+    """Make names unambiguous across all result sets, and return these and a sentence about each new name.
 
     A name such as PPO may stand for other settings, or another version, in another root.
     """
@@ -89,7 +89,7 @@ def joined_frames(yours: ResultSet, baselines: Sequence[ResultSet]) -> Frames:
 def comparable_runs(
     yours: ResultSet, baselines: Sequence[ResultSet], frames: Frames | None = None, *, along: bool = False
 ) -> pd.DataFrame:
-    """Return the comparable runs: yours, and those of baselines under the same conditions.
+    """Return your runs, and those of baselines that were made under the same conditions.
 
     Your runs of a teacher replace those of baselines under the same conditions. Random uses no expert
     knowledge, so runs of it count at every level.
@@ -115,7 +115,7 @@ def comparable_runs(
 
 
 def new_teachers(yours: ResultSet) -> list[str]:
-    """Return your teachers that are not in the benchmark, or all but Random if there are none."""
+    """Return those of your teachers that are not in the benchmark, or all but Random if there are none."""
     teachers = [teacher for teacher in yours.table["teacher"].unique() if not is_baseline(teacher)]
     return [teacher for teacher in teachers if teacher not in TEACHERS] or teachers
 
@@ -133,7 +133,7 @@ def head_to_head(runs: pd.DataFrame, teachers: Sequence[str], measure: str = HEA
 
 
 def incomparable(yours: ResultSet, baselines: Sequence[ResultSet], runs: pd.DataFrame) -> list[str]:
-    """Return a sentence about each baseline without comparable `runs`: the reason, and what to run."""
+    """Return a sentence about each baseline that has none of `runs`: the reason, and what to run instead."""
     sentences = []
     for baseline in baselines if len(yours.table) else ():
         if baseline.name in set(runs["source"]):
@@ -152,7 +152,7 @@ def incomparable(yours: ResultSet, baselines: Sequence[ResultSet], runs: pd.Data
 
 
 def _differing_conditions(yours: ResultSet, baseline: ResultSet) -> str:
-    """Return the conditions of a baseline that no result of yours has, and a command for runs under them."""
+    """Return a baseline's conditions that none of your results share, and a command for runs under them."""
     differing = []
     for column in dict.fromkeys(["challenge", "expert_knowledge", *CONDITION_LABELS]):
         name = CONDITION_LABELS.get(column, "expert knowledge")
@@ -168,7 +168,7 @@ def _differing_conditions(yours: ResultSet, baseline: ResultSet) -> str:
 
 
 def reference_only(yours: ResultSet, baseline: ResultSet) -> pd.DataFrame:
-    """Return those of a baseline's results on your challenges that are not comparable with yours.
+    """Return a baseline's results on your challenges that are not comparable with yours.
 
     Returns:
         `CHALLENGE_LEVEL`, teacher, n, mastered_percent_mean and _std, and differs, the differences as text.
@@ -185,7 +185,7 @@ def reference_only(yours: ResultSet, baseline: ResultSet) -> pd.DataFrame:
 
 
 def _among(table: pd.DataFrame, others: pd.DataFrame, columns: list[str]) -> NDArray[np.bool_]:
-    """Return a mask of the rows of `table` that equal a row of `others` in all of `columns`."""
+    """Return a mask of the rows of `table` whose values in `columns` equal those of any row of `others`."""
     if table.empty or others.empty:
         return np.zeros(len(table), dtype=bool)
     keys = pd.MultiIndex.from_frame(others[columns])
@@ -220,7 +220,7 @@ def _differences(row: pd.Series, yours: pd.DataFrame, baseline: ResultSet) -> st
 
 
 def missing_challenges(yours: ResultSet, teachers: Sequence[str]) -> list[str]:
-    """Return a line for each of `teachers` without results on some benchmark challenges, naming these."""
+    """Return a line per teacher that lacks results on some benchmark challenges, with their names."""
     results = yours.table[yours.table["n"] > 0]
     challenges = dict.fromkeys((matrix.environment, matrix.challenge) for matrix in MATRICES)
     sentences = []

@@ -14,7 +14,7 @@ from tma_ray.results import Table
 from tma_ray.support.validation import check_type
 from tma_ray.tasks import MASTERY_RETURN
 
-PANELS = 5  # number of equal parts of a run, each shown in a panel
+PANELS = 5  # number of equal parts into which charts divide a run, one panel each
 
 RETURN_RANGE = (-100.0, 300.0)
 """Ends of the colour scale of returns in worlds of the benchmark: an immediate fall, and the end of the
@@ -27,7 +27,7 @@ class RunCurriculum:
 
     episodes: pd.DataFrame  # step, task, world_task and episodic_return
     probes: pd.DataFrame  # step and task
-    updates: pd.DataFrame  # step, gaussians, boxes and scalars of the teacher
+    updates: pd.DataFrame  # step, and the teacher's gaussians, boxes and scalars
     steps: int  # length of the run in environment steps
     mastery: float = MASTERY_RETURN  # mastery threshold, an episodic return
     seed: int = 0  # seed of the run
@@ -65,12 +65,12 @@ class RunCurriculum:
 
 
 def stack(tasks: pd.Series) -> NDArray[np.float32]:
-    """Return a column of tasks as one array (n, d), of shape (0, 0) if it is empty."""
+    """Stack a column of tasks into an array (n, d), of shape (0, 0) if there are none."""
     return np.stack(tasks.to_list()).astype(np.float32) if len(tasks) else np.empty((0, 0), np.float32)
 
 
 def return_range(curricula: Mapping[str, RunCurriculum], mastery: float) -> tuple[float, float]:
-    """Return the ends of the colour scale of returns: `RETURN_RANGE` for worlds of the benchmark."""
+    """Return the ends of the colour scale of returns, `RETURN_RANGE` for worlds of the benchmark."""
     if mastery == MASTERY_RETURN:
         return RETURN_RANGE
     returns = np.concatenate(
@@ -80,7 +80,7 @@ def return_range(curricula: Mapping[str, RunCurriculum], mastery: float) -> tupl
     return min(low, mastery), max(high, mastery)
 
 
-MOST_MOMENTS = 6  # default maximum number of steps at which a run is drawn
+MOST_MOMENTS = 6  # default for the maximum number of steps at which a run is drawn
 
 
 def moments(curricula: Mapping[str, RunCurriculum], count: int = MOST_MOMENTS) -> list[int]:
@@ -98,7 +98,7 @@ def gaussians_of(update: pd.Series) -> list[dict[str, Any]]:
 
 
 def boxes_of(update: pd.Series) -> list[dict[str, Any]]:
-    """Return the boxes of an update in drawing order: by score if projected, then largest first."""
+    """Return the boxes of an update in drawing order: by ascending score if projected, then largest first."""
     boxes = update["boxes"] if update["boxes"] is not None else ()
 
     def height(box: dict[str, Any]) -> tuple[float, float]:

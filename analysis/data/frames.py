@@ -113,7 +113,7 @@ class Frames:
         return replace(self, cells=self.cells.assign(core=core), core=tuple(campaigns))
 
     def results_of(self, run_id: str) -> Results:
-        """Return the results that contain the long tables of a run."""
+        """Return the `Results` that hold the long tables of a run."""
         return self.other_roots.get(run_id, self.results)
 
     def episode_returns(self, run_ids: Sequence[str]) -> pd.DataFrame:
@@ -144,7 +144,7 @@ class Frames:
         return {run_id: rows.take(indices.get(run_id, empty)).reset_index(drop=True) for run_id in run_ids}
 
     def evaluations_of(self, run_ids: Collection[str]) -> pd.DataFrame:
-        """Return the evaluations of some runs, using an index that is built only once."""
+        """Return the evaluations of some runs, looked up in an index that is built only once."""
         indices = [self._positions[run_id] for run_id in run_ids if run_id in self._positions]
         return self.evaluations.take(np.concatenate([np.zeros(0, np.int64), *indices]))
 
@@ -172,7 +172,7 @@ class Frames:
 def computed_once(
     function: Callable[Concatenate[Frames, P], pd.DataFrame],
 ) -> Callable[Concatenate[Frames, P], pd.DataFrame]:
-    """Decorate a function of `Frames` to cache its tables there, and to return copies of them."""
+    """Decorate a function of `Frames` to cache its result in the `Frames`, and to return copies of it."""
     signature = inspect.signature(function)
 
     @functools.wraps(function)
@@ -191,7 +191,7 @@ def computed_once(
 
 
 def positions(run_ids: pd.Series) -> dict[str, NDArray[np.int64]]:
-    """Return the row numbers of each run, in ascending order, by run id; `run_ids` (n,) is the column."""
+    """Return the ascending row numbers of each run by its id, given the column `run_ids` (n,)."""
     categories = run_ids.astype("category").cat
     order = np.argsort(categories.codes.to_numpy(), kind="stable")
     ends = np.cumsum(np.bincount(categories.codes, minlength=len(categories.categories)))
@@ -241,12 +241,12 @@ def check_measure(name: str, table: object, measure: str, columns: Sequence[str]
 
 
 def with_plain_texts(frame: pd.DataFrame) -> pd.DataFrame:
-    """Return a frame with strings and categoricals as Python strings, and missing values unchanged.
+    """Convert strings and categoricals in a frame to Python strings, leaving missing values unchanged.
 
     Tables are grouped by a dozen short names again and again. pandas groups Arrow's strings several times
     more slowly than objects, and merging unequal categories is fragile.
     """
-    types = pd.CategoricalDtype | pd.StringDtype  # pandas 2 cannot select by "str"
+    types = pd.CategoricalDtype | pd.StringDtype  # by dtype, since pandas 2 cannot select by "str"
     return frame.astype({name: object for name, dtype in frame.dtypes.items() if isinstance(dtype, types)})
 
 
@@ -277,7 +277,7 @@ def object_strings() -> Iterator[None]:
         warnings.simplefilter("ignore", DeprecationWarning)
         try:
             pd.get_option("future.infer_string")
-        except KeyError:  # removed in later versions of pandas
+        except KeyError:  # the option is gone in later versions of pandas
             yield
             return
         with pd.option_context("future.infer_string", False):

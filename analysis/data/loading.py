@@ -36,7 +36,7 @@ def frames_of(results: Results) -> Frames:
     evaluations = read_table(results, Table.EVALUATIONS, columns)
     evaluations["mastered"] = evaluations["episodic_return"] > _thresholds(evaluations, runs)
     measured = evaluation_measures(evaluations)
-    # The tasks of a test set are the same in all runs, so they are read from one.
+    # The tasks of a test set are the same in all runs, so those of one run are read.
     run_ids = evaluations.drop_duplicates("test_set")["run_id"].astype(str).tolist()
     tasks = with_plain_texts(
         read_table(results, Table.EVALUATIONS, ["test_set", "task_index", "task"], run_ids)
@@ -53,14 +53,14 @@ def frames_of(results: Results) -> Frames:
 
 
 def _join(cells: pd.DataFrame, runs: pd.DataFrame) -> pd.DataFrame:
-    """Join cells with the state of their runs, and add cells for the runs outside campaigns."""
+    """Join cells with the state of their runs, adding cells for runs that belong to no campaign."""
     alone = runs[~runs["run_id"].isin(cells["run_id"])]
     single = alone.reindex(columns=cells.columns).assign(campaign="", experiment="single runs")
     cells = pd.concat([cells, single], ignore_index=True) if len(single) else cells
     joined = cells.merge(runs[["run_id", *FROM_RUN]], on="run_id", how="left")
-    # Cells without a run are waiting, and belong to campaigns with this engine.
+    # Cells without a run are waiting; only campaigns in Chipmunk's worlds have such cells.
     joined = joined.fillna({"engine": CHIPMUNK, "status": "waiting", "error": ""})
-    # Several campaigns may list the same cell, whose runs count once.
+    # A cell listed by several campaigns counts once.
     return joined.drop_duplicates([*GROUP, "run_id"]).reset_index(drop=True)
 
 
@@ -116,21 +116,21 @@ def _joined_cells(frames: Sequence[Frames], roots: Mapping[str, int]) -> pd.Data
     is_read = cells["root"] == cells["run_id"].map(roots)
     if not is_read.all():
         state = cells[is_read].drop_duplicates("run_id").set_index("run_id")[FROM_RUN]
-        cells[FROM_RUN] = cells[FROM_RUN].astype(object)  # object dtype, for integers of any size
+        cells[FROM_RUN] = cells[FROM_RUN].astype(object)  # to preserve integers of any size
         cells.loc[~is_read, FROM_RUN] = state.loc[cells.loc[~is_read, "run_id"]].to_numpy(object)
     cells = cells.drop(columns="root").infer_objects()
     return cells.drop_duplicates([*GROUP, "run_id"]).reset_index(drop=True)
 
 
 def _named_cells(cells: pd.DataFrame) -> tuple[pd.DataFrame, tuple[str, ...]]:
-    """Return cells with unambiguous names and experiments, and a sentence about each new name."""
+    """Make names and experiments of cells unambiguous; return cells and a sentence about each new name."""
     (cells,), names = disambiguate_names([cells])
     cells, experiments = split_experiments(with_plain_texts(cells))
     return cells, (*names, *experiments)
 
 
 def _thresholds(evaluations: pd.DataFrame, runs: pd.DataFrame) -> pd.Series | float:
-    """Return the mastery threshold of each row of evaluations, or a number if all are equal."""
+    """Return the mastery threshold of each row of `evaluations`, or a single number if all are equal."""
     thresholds = runs["mastery_threshold"].unique()
     if len(thresholds) == 1:
         return float(thresholds[0])

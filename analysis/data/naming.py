@@ -1,4 +1,4 @@
-"""Unambiguous names: if one name stands for several settings or versions, its runs get different names.
+"""Disambiguation of names: if a name stands for several settings or versions, its runs are renamed.
 
 Views group runs by the names of their environment, challenge, body, student, teacher and test set. A name
 with several meanings among some runs (versions of an algorithm, contents of a file, hyper-parameters under
@@ -21,11 +21,11 @@ from tma_ray.benchmark import EXPERIMENTS, Matrix
 from tma_ray.support.component_names import join_name, split_name
 from tma_ray.support.texts import counted
 
-MOST_SETTINGS = 4  # largest number of settings in a name; more are replaced by their hash
+MOST_SETTINGS = 4  # names with more settings have their hash instead
 
 
 def disambiguate_names(cells: Sequence[pd.DataFrame]) -> tuple[list[pd.DataFrame], tuple[str, ...]]:
-    """Return the cells of one or several roots with unambiguous names, and a sentence for each new name.
+    """Return the cells of one or several roots with unambiguous names, and a sentence about each new name.
 
     Points of searches for hyper-parameters, which differ by design, keep their names.
 
@@ -55,7 +55,7 @@ def disambiguate_names(cells: Sequence[pd.DataFrame]) -> tuple[list[pd.DataFrame
 
 
 def split_experiments(cells: pd.DataFrame) -> tuple[pd.DataFrame, tuple[str, ...]]:
-    """Split experiments whose runs differ in `RUN_CONDITIONS`: return cells, and a sentence per new name.
+    """Split experiments whose runs differ in `RUN_CONDITIONS`; return cells and a sentence per new name.
 
     In each comparison, runs that differ from most others get an experiment named after the difference.
     """
@@ -109,7 +109,7 @@ def _variants(cells: pd.DataFrame, column: str) -> list[tuple[Any, ...]]:
 
 
 def _names(of_runs: Sequence[tuple[Any, ...]]) -> dict[tuple[Any, ...], str]:
-    """Return new names of variants; within a scope and name, the most frequent one keeps the plain name."""
+    """Return new names of variants, leaving the plain name to the most frequent one in a scope."""
     variants: dict[tuple[Any, ...], Counter[str]] = {}
     for *key, settings in of_runs:
         variants.setdefault(tuple(key), Counter())[settings] += 1

@@ -1,4 +1,4 @@
-"""References of comparisons: Random, the baseline teacher, and published results."""
+"""References for comparisons: the baseline teacher Random, and published results."""
 
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -12,7 +12,7 @@ from tma_ray.tasks import KnowledgeLevel
 
 BASELINE = "random"  # teacher that all others are tested against (paper, section 5)
 
-NO_BASELINE = "no Random to compare with"  # reason why a test is missing if Random has no runs
+NO_BASELINE = "no Random to compare with"  # reason for a missing test: Random has no runs
 
 
 def is_baseline(teacher: str) -> bool:
@@ -28,7 +28,7 @@ def baseline_rows(rows: pd.DataFrame) -> pd.DataFrame:
 def baseline_runs(
     group: pd.DataFrame, alike: pd.DataFrame, apart: Sequence[str] = ("expert_knowledge",)
 ) -> pd.DataFrame:
-    """Return the runs of Random that the teachers of one comparison are tested against.
+    """Return the runs of Random against which the teachers of one comparison are tested.
 
     Random uses no expert knowledge, and the experiment makes no difference to it. A comparison without runs
     of Random uses those of another comparison, of the same experiment if possible, and of the lowest level.
@@ -54,11 +54,11 @@ def baseline_runs(
     return randoms[(randoms[columns] == list(nearest)).all(axis=1)]
 
 
-PAPER = "paper-2021"  # name of the baseline with the paper's tables
+PAPER = "paper-2021"  # name of the baseline that holds the paper's tables
 
-PAPER_ENGINE = BOX2D  # simulator of the paper's worlds; this package uses Chipmunk
+PAPER_ENGINE = BOX2D  # simulator of the paper's worlds, unlike Chipmunk here
 
-PAPER_STEPS = 20_000_000  # training steps behind the paper's tables
+PAPER_STEPS = 20_000_000  # training steps of each run in the paper's tables
 
 
 def paper_frame() -> pd.DataFrame:

@@ -1,4 +1,4 @@
-"""Settings in the specs of runs, and identities of a run's components, such as its teacher."""
+"""Settings from the specs of runs, and identities of a run's components, such as its teacher."""
 
 import hashlib
 import json
@@ -16,7 +16,7 @@ from tma_ray.tasks import MASTERY_RETURN
 OF_BODIES = ("embodiment", "original_embodiment")
 """Environment options that duplicate the embodiment column; the second occurs in imported runs."""
 
-BEFORE_VERSIONS = "before 1"  # version of algorithms in specs that predate version numbers
+BEFORE_VERSIONS = "before 1"  # algorithm version for specs that predate version numbers
 
 
 SEED = re.compile(r'"seed": \d+, "student":')
@@ -73,7 +73,7 @@ def identity(spec: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     challenge = {
         "easy_task": spec.get("easy_task"),
         "cuts": spec.get("cuts", 0),
-        "resets": [round(step / steps, 3) for step in spec.get("resets", ())],  # shares of the budget
+        "resets": [round(step / steps, 3) for step in spec.get("resets", ())],  # as shares of the budget
     }
     return {
         "environment": {**options, **_of_part(spec, "environment", files)},
@@ -86,7 +86,7 @@ def identity(spec: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
 
 
 def _of_part(spec: Mapping[str, Any], part: str, files: Mapping[str, str]) -> dict[str, Any]:
-    """Return algorithm version, source and files of a part of a run, empty if the spec lacks it."""
+    """Return algorithm version, source and files of a part of a run; an empty dict if the spec lacks it."""
     if not spec or part not in spec:
         return {}
     settings: dict[str, Any] = {"algorithm_version": spec.get("algorithm_versions", {}).get(part)}

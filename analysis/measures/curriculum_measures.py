@@ -17,11 +17,11 @@ BINS = 10
 """Number of grid cells along each dimension."""
 
 GRID_DIMENSIONS = 3
-"""Largest number of free dimensions of a joint grid; with more, its cells outnumber any probe."""
+"""Maximum number of free dimensions of a joint grid; with more, its cells outnumber any probe's tasks."""
 
 
 def coverage_and_entropy(tasks: Task, space: TaskSpace, bins: int = BINS) -> tuple[float, float]:
-    """Return the share of grid cells occupied by tasks, and the normalised entropy of tasks over cells.
+    """Return the share of grid cells that contain tasks, and the normalised entropy of tasks over cells.
 
     Dimensions without width are ignored. With more than `GRID_DIMENSIONS` others, both numbers are means over
     the grids of single dimensions, which ignore dependence between dimensions.
@@ -74,7 +74,7 @@ def curriculum_measures(
 
 
 def curriculum_curves(frames: Frames, run_ids: Iterable[str], bins: int = BINS) -> pd.DataFrame:
-    """Return the coverage and entropy of each probe: run_id, step, tasks, coverage, entropy.
+    """Return the coverage and entropy of each probe, with the columns run_id, step, tasks, coverage, entropy.
 
     Arguments are those of `curriculum_measures`.
     """

@@ -1,4 +1,4 @@
-"""Evaluations and training of runs: curves, final evaluations, mastered tasks, and summaries over seeds."""
+"""Evaluations and training returns of runs: curves, final evaluations, mastered tasks, summaries."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -18,15 +18,15 @@ FEW_WINDOWS = 8
 """Minimum number of windows for a training curve; with fewer, returns are read from the episodes."""
 
 CURVE_POINTS = 40
-"""Number of points of a training curve that is read from the episodes."""
+"""Number of points of a training curve read from the episodes."""
 
 RECENT = 20
-"""Number of latest episodes that are averaged for a point of a curve that is read from the episodes."""
+"""Number of latest episodes averaged for each point of a training curve read from the episodes."""
 
 
 @computed_once
 def training_curves(frames: Frames) -> pd.DataFrame:
-    """Return training curves of runs that did not fail: `GROUP`, run_id, step, training_return, smoothed.
+    """Return the training curves of runs that did not fail, with `GROUP`, step, training_return and smoothed.
 
     Returns are those of the training windows or, smoothed, those of the episodes where a comparison has too
     few windows.
@@ -53,7 +53,7 @@ def training_quarters(frames: Frames) -> pd.DataFrame:
 
 
 def _windows(frames: Frames) -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
-    """Return training windows and, for comparisons with too few of them, cells and episodes instead."""
+    """Return training windows; for comparisons with too few of them, cells and episodes instead."""
     alive = unfailed(frames.cells)
     windows = frames.training_returns[["run_id", "step", "mean_return"]].astype({"run_id": object})
     windows = windows[np.isfinite(windows["mean_return"].astype(float))]
@@ -67,10 +67,10 @@ def _windows(frames: Frames) -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
 
 
 def _recent_returns(episodes: pd.DataFrame) -> pd.DataFrame:
-    """Return the smoothed training returns of one run: run_id, step, training_return."""
+    """Return the training returns of one run, smoothed over the last `RECENT` episodes."""
     means = episodes["episodic_return"].rolling(RECENT, min_periods=1).mean().to_numpy()
     ends = episodes["step"].to_numpy()
-    # the last value is held to the end of the budget, which lies within an episode
+    # a finished run keeps its last value up to the budget, which ends within an episode
     run_id, budget, status = episodes[["run_id", "steps", "status"]].iloc[0]
     until = budget if status == "done" else ends[-1]
     steps = np.linspace(0, budget, CURVE_POINTS + 1).round().astype("int64")
@@ -88,7 +88,7 @@ MEASURED = ["mastered_area", "last_three", "mastered_percent", "evaluation_retur
 
 @computed_once
 def measured_so_far(frames: Frames) -> pd.DataFrame:
-    """Return the measures of each run up to each evaluation with finite returns: run_id, step, `MEASURED`.
+    """Return `MEASURED`, with run_id and step, for each run up to each evaluation with finite returns.
 
     last_three is the mean of mastered % at the latest three evaluations, without that at step 0 unless it is
     the only one. mastered_area is the mean of mastered % over the steps: the area under the curve by
@@ -151,7 +151,7 @@ def final_evaluations(frames: Frames) -> pd.DataFrame:
 
 @computed_once
 def evaluation_curves(frames: Frames) -> pd.DataFrame:
-    """Return the finite evaluations of every run that did not fail, with `GROUP` and `MEASURED`."""
+    """Return the evaluations with finite returns of runs that did not fail, with `GROUP` and `MEASURED`."""
     return unfailed(frames.cells).merge(measured_so_far(frames), on="run_id")
 
 
@@ -205,7 +205,11 @@ def aggregate(curves: pd.DataFrame, value: str, by: Sequence[str] = GROUP) -> pd
 
 
 def mastered_tasks(frames: Frames, finals: pd.DataFrame, by: Sequence[str] = GROUP) -> pd.DataFrame:
-    """Return the share of runs that master each test task: `by`, test_set, task_index, n, share."""
+    """Return the share of runs that master each test task.
+
+    Returns:
+        `by`, test_set, task_index, n, share.
+    """
     columns = list(dict.fromkeys([*by, "run_id", "step"]))
     check_columns("finals", finals, columns)
     evaluations = frames.evaluations_of(finals["run_id"].unique())
@@ -217,7 +221,7 @@ def mastered_tasks(frames: Frames, finals: pd.DataFrame, by: Sequence[str] = GRO
 
 
 def summarise(frames: Frames, finals: pd.DataFrame) -> pd.DataFrame:
-    """Return one row per group: numbers of runs by status, mean and std of every measure."""
+    """Return a row per group, with its number of runs by status, and the mean and std of every measure."""
     rows, by_group = [], dict(list(finals.groupby(GROUP))) if len(finals) else {}
     for key, seeds in frames.cells.groupby(GROUP, sort=True):
         runs = by_group.get(key, finals.head(0))
@@ -236,7 +240,7 @@ SEARCH_COLUMNS = ["searched", "experiment", "point", "chosen", "n", "mean", "std
 
 
 def search_results(frames: Frames) -> pd.DataFrame:
-    """Return the results of each finished point of a hyper-parameter search, best first.
+    """Return the results of each finished point of all hyper-parameter searches, best first.
 
     Returns:
         searched (teacher or student), experiment, point (hyper-parameters, a dict), chosen (True for the

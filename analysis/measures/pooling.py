@@ -1,4 +1,4 @@
-"""Pools of runs, whose results form one sample, and conditions under which results are comparable."""
+"""Pools of runs that form one sample, and the conditions under which results are comparable."""
 
 import itertools
 import re
@@ -29,7 +29,7 @@ NOT_BEGUN = "not begun"
 
 
 def varying(table: pd.DataFrame, columns: Sequence[str] = CONDITIONS) -> list[str]:
-    """Return the columns that have several values in `table`."""
+    """Return those of `columns` that have more than one value in `table`."""
     return [column for column in columns if table[column].nunique(dropna=False) > 1]
 
 
@@ -52,7 +52,7 @@ def condition_words(row: pd.Series, columns: Sequence[str] = CONDITIONS) -> list
 
 
 def by_conditions(runs: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
-    """Yield a tag for file names and the started runs under each set of conditions, most runs first."""
+    """Yield, for each set of conditions, a tag for file names and the started runs, most runs first."""
     begun = runs[runs["steps"].notna()]
     columns = varying(begun)
     groups = [rows for _, rows in begun.groupby(CONDITIONS, dropna=False, sort=True)]
@@ -77,7 +77,7 @@ def parts_of(pool: str) -> list[tuple[str, str]]:
 
 
 def shipped_together(environments: Iterable[str]) -> dict[tuple[str, str, str], tuple[str, ...]]:
-    """Return the shipped test sets that are pooled, by engine, environment and challenge."""
+    """Return the shipped test sets that are pooled together, by engine, environment and challenge."""
     return {
         (engine, environment, name): tuple(
             sorted(
@@ -93,7 +93,7 @@ def shipped_together(environments: Iterable[str]) -> dict[tuple[str, str, str], 
 
 @cache
 def variant(engine: str, environment: str, challenge: str, pool: str, test_sets: object) -> str:
-    """Return the differences between a pool and the paper's, as text; empty if there are none.
+    """Return how a pool differs from the paper's, as text, or an empty string if it does not.
 
     A variant has one pool per challenge, so aggregates over challenges count each once.
     """
@@ -150,14 +150,14 @@ def _pool_members(cells: pd.DataFrame, matrices: Sequence[Matrix]) -> pd.DataFra
         rows[column] = rows[column].fillna(agreed)
     names = rows[["engine", "environment", "challenge", "pool", "test_sets"]]
     rows["variant"] = [variant(*key) for key in names.itertuples(index=False, name=None)]
-    # the same cell may belong to several experiments
+    # several experiments may share a cell
     rows = with_plain_texts(rows).drop_duplicates([*POOLED, "run_id"])
     rows = rows[[*POOLED, *PARTS, "seed", "run_id", "status", "settings", "core"]]
     return rows.sort_values([*POOLED, *PARTS, "seed"], ignore_index=True)
 
 
 def _with_values(members: pd.DataFrame, values: pd.DataFrame) -> pd.DataFrame:
-    """Return `members` of pools with the `values` of each run."""
+    """Join the members of pools with the `values` of their runs."""
     values = values[[column for column in values if column not in SETTINGS]]
     return members.merge(values, on="run_id", how="left")
 
@@ -165,7 +165,7 @@ def _with_values(members: pd.DataFrame, values: pd.DataFrame) -> pd.DataFrame:
 def pooled(
     runs: pd.DataFrame, measures: Sequence[str] = ("mastered_percent",), by: Sequence[str] = ()
 ) -> pd.DataFrame:
-    """Return the result of each teacher: n, mean and standard deviation of measures over its pool.
+    """Return the results of each teacher: n, mean and standard deviation of each measure over its pool.
 
     Args:
         runs: rows from `pool_runs`, one per run; a run without the first measure is not counted.
@@ -207,7 +207,7 @@ Columns: TypeAlias = Mapping[str, NDArray[Any]]
 
 
 def _split(table: pd.DataFrame, number: str) -> dict[int, Columns]:
-    """Return the rows by their value of `number`, as arrays (faster than thousands of frames)."""
+    """Group the rows by column `number`, as arrays, which are faster than a frame per group."""
     numbers = table[number].to_numpy()
     order = np.argsort(numbers, kind="stable")
     keys, starts = np.unique(numbers[order], return_index=True)
@@ -236,7 +236,7 @@ def reuse_random(runs: pd.DataFrame) -> pd.DataFrame:
 
 
 def levels_together(runs: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
-    """Return `runs` with levels of expert knowledge merged where their runs are the same.
+    """Merge the levels of expert knowledge that have the same runs.
 
     Args:
         runs: rows from `pool_runs`.
@@ -297,7 +297,7 @@ def _test_sets(cells: pd.DataFrame) -> pd.Series:
 
 
 def _gaps(rows: Columns, counted: Columns, by: Sequence[str]) -> Iterator[str]:
-    """Yield the reasons why the counted rows are not a complete pool."""
+    """Yield the reasons why the rows in `counted` are not the complete pool."""
     ids = set(counted["run_id"])
     reasons = rows["reason"] if "reason" in rows else rows["status"]
     uncounted = Counter(
@@ -330,7 +330,7 @@ def _gaps(rows: Columns, counted: Columns, by: Sequence[str]) -> Iterator[str]:
 
 
 def _expected(rows: Columns, by: Sequence[str]) -> set[str]:
-    """Return the labels of the parts that a complete pool of these rows would have."""
+    """Return the labels of the parts of which a complete pool of `rows` would consist."""
     labels = set(map(_label, rows["embodiment"], rows["student"]))
     pool = str(rows["pool"][0])
     expected = {pool} if pool in labels else set(pool.split(PLUS))
@@ -343,7 +343,7 @@ def _expected(rows: Columns, by: Sequence[str]) -> set[str]:
 
 @computed_once
 def runs_after(frames: Frames, share: float = 1.0, *, training: bool = True) -> pd.DataFrame:
-    """Return the runs behind all results, measured after a share of their budgets; see `result_runs`.
+    """Return the pooled runs of all results, measured after a share of their budgets; see `result_runs`.
 
     Args:
         frames: results from `load`.
@@ -380,7 +380,7 @@ def without_searches(cells: pd.DataFrame) -> pd.DataFrame:
 
 
 def by_students(cells: pd.DataFrame) -> Iterator[tuple[str, tuple[Matrix, ...], pd.DataFrame]]:
-    """Yield a file tag, matrices and cells, once for the paper's students and once per other student.
+    """Yield a tag for file names, matrices and cells, for the paper's students, then for each other student.
 
     Results of the original release, whose bipedal is a different body, are separate.
     """

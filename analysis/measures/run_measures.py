@@ -1,4 +1,4 @@
-"""Measures of single runs: mastered tasks, steps to shares of them, forgetting, mastery per trained step."""
+"""Measures of single runs: mastered tasks, steps until given shares are mastered, forgetting, training."""
 
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
@@ -28,7 +28,7 @@ def measure_names(shares: Sequence[float] = SHARES) -> list[str]:
 
 
 def steps_to(share: float) -> str:
-    """Return the column name of the first step with a share of the final mastered %, as in `run_measures`."""
+    """Return the column of `run_measures` for the first step that reaches `share` of the final mastered %."""
     return f"steps_to_{round(100 * share)}_percent"
 
 
@@ -41,7 +41,7 @@ def run_measures(
     *,
     training: bool = True,
 ) -> pd.DataFrame:
-    """Return the measures of each run at the end of its budget, or of a part of it.
+    """Return the measures of each run at the end of its budget, or after a share of it.
 
     Args:
         frames: results with runs, evaluations and training windows.
@@ -120,7 +120,7 @@ def training_returns_at(frames: Frames, steps: Iterable[int]) -> pd.DataFrame:
 
 
 def _latest(frames: Frames, curves: pd.DataFrame, measured: str, steps: Sequence[int]) -> pd.DataFrame:
-    """Return each run's last row of `curves` up to each of `steps`, omitting steps that it did not reach."""
+    """Return the last row of `curves` up to each of `steps`, for every run that reached that step."""
     reached = _reached(frames, frames.measured)
     limits = [_limits(frames, step, reached).assign(step=step) for step in steps]
     rows = pd.concat([_limits(frames, 0, reached).head(0).assign(step=0), *limits]).reset_index()
@@ -131,18 +131,18 @@ def _latest(frames: Frames, curves: pd.DataFrame, measured: str, steps: Sequence
 
 
 def _until(table: pd.DataFrame, rows: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows of a table up to the steps at which their runs are measured."""
+    """Return the rows of `table` up to the step at which `rows` measures their run."""
     return table[table["step"] <= table["run_id"].map(rows["steps"]).astype(float)]
 
 
 def _reached(frames: Frames, curves: pd.DataFrame) -> pd.Series:
-    """Return the step of each run's last evaluation, or NaN, by run_id."""
+    """Return the step of each run's last evaluation by run_id, or NaN if it was never evaluated."""
     runs = sorted(frames.cells["run_id"].unique())
     return curves.groupby("run_id")["step"].max().reindex(runs).astype(float)
 
 
 def _limits(frames: Frames, at: int | None, reached: pd.Series, share: float = 1.0) -> pd.DataFrame:
-    """Return the step at which each run is measured, or the reason why it is not, by run_id."""
+    """Return, by run_id, the step at which each run is measured and any reason why it cannot be."""
     runs = frames.cells.drop_duplicates("run_id").set_index("run_id").sort_index()
     status, budget = runs["status"], runs["steps"].astype(float)
     steps = np.floor(share * budget) if at is None else pd.Series(float(at), index=runs.index)
@@ -160,7 +160,7 @@ def _steps_to(curves: pd.DataFrame, shares: Sequence[float]) -> pd.DataFrame:
     run_ids, steps = curves["run_id"].to_numpy(object), curves["step"].to_numpy(float)
     mastered = curves["mastered_percent"].to_numpy(float)
     starts = np.flatnonzero(np.append(True, run_ids[1:] != run_ids[:-1])) if len(curves) else np.zeros(0, int)
-    for first, end in itertools.pairwise([*starts, len(curves)]):  # slices, faster than thousands of frames
+    for first, end in itertools.pairwise([*starts, len(curves)]):  # slices are faster than a frame per run
         curve, final = mastered[first:end], mastered[end - 1]
         reached = (steps[first + np.argmax(curve >= share * final)] if final else np.nan for share in shares)
         steps_by_run[str(run_ids[first])] = list(map(float, reached))
@@ -198,7 +198,7 @@ def _training_return(frames: Frames, rows: pd.DataFrame) -> pd.Series:
     return pd.concat([means, episodes.groupby("run_id")["episodic_return"].mean()])
 
 
-NEARLY_ALL = 95.0  # percentage of trained steps below which a teacher is also compared per trained step
+NEARLY_ALL = 95.0  # teachers that train on a smaller % of steps are also compared per trained step
 
 
 @computed_once
@@ -218,12 +218,12 @@ def trained_steps(frames: Frames) -> pd.DataFrame:
 
 
 def trained_shares(frames: Frames) -> pd.Series:
-    """Return the percentage of each run's steps on which it trained, by run_id."""
+    """Return the percentage of its steps on which each run trained, by run_id."""
     return trained_steps(frames).groupby("run_id")["trained_percent"].last()
 
 
 def with_trained_steps(frames: Frames, curves: pd.DataFrame) -> pd.DataFrame:
-    """Return `curves` with the trained steps at each step, without runs that lack training windows.
+    """Add a column with the trained steps up to each step, dropping runs that lack training windows.
 
     Args:
         frames: results with training windows.
@@ -245,7 +245,7 @@ Curves: TypeAlias = Mapping[str, tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
 def trained_curves(frames: Frames) -> Curves:
-    """Return the learning curves over trained steps of all runs with training windows."""
+    """Return learning curves against trained steps, for all runs with training windows."""
     table = with_trained_steps(frames, measured_so_far(frames))
     trained, mastered = table["trained"].to_numpy(float), table["mastered_percent"].to_numpy(float)
     return {run_id: (trained[rows], mastered[rows]) for run_id, rows in positions(table["run_id"]).items()}
@@ -277,7 +277,7 @@ def trained_areas(curves: Curves, runs: pd.DataFrame, teacher: str, strata: Sequ
 
 
 def _mean_until(steps: NDArray[np.float64], mastered: NDArray[np.float64], limit: float) -> float:
-    """Return the mean mastered % over the trained steps up to `limit`, by the trapezoidal rule."""
+    """Return the mean mastered % over the first `limit` trained steps, by the trapezoidal rule."""
     inside = steps < limit
     ends = np.array([0.0, *steps[inside], limit])
     heights = np.array([mastered[0], *mastered[inside], np.interp(limit, steps, mastered)])

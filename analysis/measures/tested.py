@@ -1,4 +1,4 @@
-"""Headline measures of teachers, the tests on them (paired by seed if runs share students), and verdicts."""
+"""Headline measures of teachers, tests on them (paired by seed if runs share a student), and verdicts."""
 
 from collections.abc import Hashable, Mapping, Sequence
 from enum import StrEnum
@@ -51,7 +51,7 @@ QUANTITIES = {
 
 
 def how_tested(family: str) -> str:
-    """Return a sentence about the scale of tests and their correction within a family."""
+    """Return a sentence about the scale of tests and the `family` over which they are corrected."""
     return f"Tests are of what is shown, in per cent; Holm's correction covers {family}."
 
 
@@ -104,7 +104,7 @@ def compared_over_strata(
 
 
 def mean_over_strata(samples: Sequence[pd.Series], weights: Sequence[float], seeds: Seeds) -> Comparison:
-    """Return the weighted mean over strata with its interval, expressed as a difference from 0.
+    """Return the weighted mean over strata with its interval, as a comparison with 0.
 
     For paired runs the mean is over the seeds that all strata have. Arguments are those of `seed_means`.
     """
@@ -116,7 +116,7 @@ def mean_over_strata(samples: Sequence[pd.Series], weights: Sequence[float], see
 
 
 def in_common(first: pd.Series, second: pd.Series, seeds: Seeds) -> tuple[pd.Series, pd.Series]:
-    """Return both samples, limited to their common seeds if they are paired."""
+    """Return both samples, restricted to runs with common seeds if they are paired."""
     if not are_paired([first, second], seeds):
         return first, second
     first_seeds, second_seeds = (sample.index.map(seeds) for sample in (first, second))
@@ -124,7 +124,7 @@ def in_common(first: pd.Series, second: pd.Series, seeds: Seeds) -> tuple[pd.Ser
 
 
 def are_paired(samples: Sequence[pd.Series], seeds: Seeds) -> bool:
-    """Return True if there are runs in the samples, and all of them are in `seeds`."""
+    """Return True if the samples have runs and all of these are in `seeds`."""
     runs = [run for sample in samples for run in sample.index] if seeds else []
     return bool(runs) and all(run in seeds for run in runs)
 
@@ -169,7 +169,7 @@ def verdict(test: pd.Series | Mapping[str, Any]) -> str:
 
 
 def on_both_axes(sooner: str, in_the_end: str) -> str:
-    """Return the combined verdict of both measures as text: plain "better" or "worse" if they agree.
+    """Combine the verdicts on both measures as text; a verdict that they share stands alone.
 
     Args:
         sooner: verdict on the mean over training.

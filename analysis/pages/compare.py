@@ -1,4 +1,4 @@
-"""Page that compares a reader's own results with baselines."""
+"""Page that compares the reader's own results with baselines."""
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -86,7 +86,7 @@ def challenge_sections(
 
 
 def _with_values(table: pd.DataFrame, values: Mapping[str, Any]) -> pd.DataFrame:
-    """Return the rows of `table` that have the given values by column, treating missing values as equal."""
+    """Return the rows of `table` whose columns equal `values`, treating missing values as equal."""
     mask = np.ones(len(table), dtype=bool)
     for column, value in values.items():
         mask &= (table[column].isna() if pd.isna(value) else table[column] == value).to_numpy(bool)
@@ -149,7 +149,7 @@ def write_comparison(
     """
     if not baselines:
         raise ValueError(f"compare with what? Name a baseline, as in --baseline {PAPER}")
-    # A folder for each set of baselines, so that no page replaces another.
+    # Each set of baselines has its own folder, so that no page replaces another.
     name = "+".join(re.sub(r"[^\w.-]+", "_", str(name)).strip("_.") or "_" for name in baselines)
     folder = page_folder(source_list(sources)[0], output, "compare", "page") / name
     text, pictures = _render(read(sources), baselines, tell, measure)
@@ -235,7 +235,7 @@ def _boards(ranked: Sequence[Rank]) -> dict[str, list[Rank]]:
 
 
 def _radars(runs: pd.DataFrame, baselines: Sequence[result_sets.ResultSet]) -> Iterator[Picture]:
-    """Yield radar charts of the comparable results, one for each set of settings, and of published tables."""
+    """Yield a radar chart for each set of settings of the results, and one for each published table."""
     students = runs["pool"].map(lambda pool: ", ".join(sorted({student for _, student in parts_of(pool)})))
     groups = runs.assign(students=students).groupby([*SETTINGS, "students"], dropna=False)
     for count, (_, group) in enumerate(groups, start=1):
@@ -263,7 +263,7 @@ def _radar(
 ) -> Iterator[Picture]:
     try:
         figure = draw(radar(table, tests))
-    except ValueError:  # no challenge of Stump Tracks, or no results yet
+    except ValueError:  # fewer than three challenges, or no results yet
         return
     yield Picture.of(name, figure, title, caption)
 

@@ -25,7 +25,7 @@ from tma_ray.support.texts import visible
 
 
 def page(template: str, **content: Any) -> str:
-    """Return a page, rendered from a template and its content."""
+    """Render a page from a template and its content."""
     version, written = installed_version("tma_ray"), datetime.now(UTC)
     environment = _environment()
     return environment.get_template(template).render(
@@ -43,7 +43,7 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.policies["json.dumps_kwargs"] = {}  # keep the order of keys, which jinja2 sorts by default
+    environment.policies["json.dumps_kwargs"] = {}  # by default, jinja2 sorts keys
     environment.filters["data_uri"] = lambda content, kind: (
         f"data:{kind};base64,{base64.b64encode(content).decode()}"
     )
@@ -92,7 +92,7 @@ def write_page(folder: Path, text: str, files: Mapping[str, bytes]) -> Path:
 def controls(
     comparisons: pd.DataFrame, teachers: Iterable[str], steps: Iterable[int], shown: Collection[str]
 ) -> dict[str, Any] | None:
-    """Return the controls by which readers choose what a page shows, or None if there is no choice.
+    """Return the controls with which readers choose what a page shows, or None if there is nothing to choose.
 
     Args:
         comparisons: a row per comparison, with some of the columns `FILTERS`.
@@ -113,7 +113,7 @@ def controls(
         if column not in comparisons:
             continue
         values = list(dict.fromkeys(map(str, comparisons[column])))
-        # Where experiments coincide with challenges, one filter is enough.
+        # If every experiment is named like its challenge, a filter by experiment would be redundant.
         repeated = column == "experiment" and bool((comparisons[column] == comparisons["challenge"]).all())
         if len(values) > 1 and not repeated:
             environments = comparisons["environment"].unique() if "environment" in comparisons else ()
@@ -143,7 +143,7 @@ CAPTION = (
 
 
 def overall_section(runs: pd.DataFrame, measure: str = HEADLINE) -> dict[str, Any]:
-    """Return the template content of the section on all challenges together.
+    """Return the content of the page section about all challenges together, as template variables.
 
     Args:
         runs: rows from `pooling.pool_runs` for all results.

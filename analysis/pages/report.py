@@ -42,7 +42,7 @@ def what_ran(cells: pd.DataFrame) -> str:
 
 
 def subject(sources: Sources, campaigns: Sequence[str]) -> str:
-    """Return the title of a report: the names of releases, a root's only campaign, or names of folders."""
+    """Return the title of a report: names of releases, a root's only campaign, or else of folders."""
     names = []
     for place in source_list(sources):
         if baseline := as_baseline(place):
@@ -55,7 +55,7 @@ def subject(sources: Sources, campaigns: Sequence[str]) -> str:
 
 
 def unfinished(frames: Frames) -> dict[str, list[dict[str, Any]]]:
-    """Return the failed and running runs, with their progress and errors."""
+    """Return the failed and the running runs, with their progress and errors."""
     reached = frames.evaluations.groupby("run_id", observed=True)["step"].max().rename("reached")
     runs = frames.cells.drop_duplicates("run_id").merge(
         reached.rename_axis("run_id").reset_index().astype({"run_id": object}), how="left", on="run_id"
@@ -95,7 +95,7 @@ def machines(attempts: pd.DataFrame) -> list[dict[str, Any]]:
 
 
 def settings(cells: pd.DataFrame) -> list[dict[str, str]]:
-    """Return the distinct settings of runs (environment, physics, test set, steps), one entry each."""
+    """Return an entry for each distinct combination of settings of runs (environment, physics, ...)."""
     columns = ["engine", "environment", "physics_version", "test_set", "mastery_threshold", "steps"]
     entries = []
     for _, rows in cells.dropna(subset=["steps"]).groupby(columns, dropna=False, sort=True):
@@ -116,7 +116,7 @@ def settings(cells: pd.DataFrame) -> list[dict[str, str]]:
 
 
 class Download(NamedTuple):
-    """CSV file of a report: name, meaning of a row, content, gzipped content."""
+    """CSV file of a report: name, description of a row, content, gzipped content."""
 
     name: str
     row: str
@@ -216,7 +216,7 @@ class Video:
 
 
 def wanted_videos(measurements: Measurements) -> Iterator[WantedVideo]:
-    """Yield the videos of a report: each teacher's best and worst finished runs by mastered tasks.
+    """Yield the episodes a report shows as videos: each teacher's best and worst finished runs.
 
     All policies of a comparison play the test task on which the returns of its runs differ most.
     """
@@ -297,7 +297,7 @@ def report_folder(sources: Sources, output: Path | None) -> Path:
 
 
 def _sections_content(parts: Sequence[Section]) -> dict[str, Any]:
-    """Return the page content about the comparisons, both together and one by one."""
+    """Return the page content about comparisons, all together and one by one, as template variables."""
     quantity, titles = QUANTITIES[HEADLINE], distinct([part.title for part in parts])
     caption = "Marks are means over seeds, lines their 95 % intervals. Choose above what is shown and when."
     return {
@@ -309,7 +309,7 @@ def _sections_content(parts: Sequence[Section]) -> dict[str, Any]:
 
 
 def _root_content(measurements: Measurements) -> dict[str, Any]:
-    """Return the page content about the whole root."""
+    """Return the page content about the whole root, as template variables."""
     frames, cells, tests = measurements.frames, measurements.cells, measurements.tests
     verdicts, notes = root_verdicts(frames)
     states = cells.drop_duplicates("run_id")["status"].value_counts()

@@ -1,4 +1,4 @@
-"""Sections of a report: the answer over all challenges, and each comparison's text, table and charts."""
+"""Sections of a report: answers over all challenges, and each comparison's text, table and charts."""
 
 import math
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
@@ -26,13 +26,13 @@ from analysis.measures.tested import AXES, FINAL, HEADLINE, Verdict, on_both_axe
 from analysis.names import short_title, teacher_order
 from analysis.statistics import describe
 
-CELL_AXES = (FINAL, HEADLINE)  # measures in the order in which a cell shows them
+CELL_AXES = (FINAL, HEADLINE)  # measures, in the order in which a cell shows them
 
-MOST_ROWS = 8  # largest number of rows of the chart, so that the matrix below still fits on the screen
+MOST_ROWS = 8  # maximum number of rows of the chart, to leave room on the screen for the matrix below
 
 
 class DifferenceCell(NamedTuple):
-    """Difference from Random in a cell: text, CSS class of its colour, and details shown on hover."""
+    """Cell with a difference from Random: text, CSS class of its colour, and details shown on hover."""
 
     text: str
     decided: str
@@ -40,7 +40,7 @@ class DifferenceCell(NamedTuple):
 
 
 class Row(NamedTuple):
-    """Row of a teacher: differences from Random in both measures, over all challenges and on each one."""
+    """Row with a teacher's differences from Random in both measures, over all challenges and on each."""
 
     teacher: str
     name: str
@@ -54,13 +54,13 @@ class Answer:
     title: str  # level, budget and engine
     sentence: str  # sentence about the best teachers
     chart: PageChart  # differences from Random over all challenges
-    columns: list[str]  # column headings: all challenges or bodies, then each one
+    columns: list[str]  # column headings: all challenges (or bodies) together, then one by one
     rows: list[Row]  # one row per teacher, with the best final results first
     notes: list[str]  # notes below the matrix
 
 
 def answers(frames: Frames) -> Iterator[Answer]:
-    """Yield an answer for each level and budget with several challenges or bodies and results of Random."""
+    """Yield the answer for each level and budget that has several challenges or bodies, and Random."""
     for count, board in enumerate(leaderboards(frames), start=1):
         compared = [entry.against for entry in board.entries if entry.against]
         if len(board.columns) > 1 and compared:
@@ -105,10 +105,10 @@ class Section:
 
     anchor: str  # identifier on the page
     title: str  # title of the comparison
-    chosen_by: Mapping[str, str]  # values for the page's filters, by column of `FILTERS`
+    chosen_by: Mapping[str, str]  # values that the page's filters match, by column of `FILTERS`
     rows: Sequence[Mapping[str, Any]]  # rows of the table of final results, one per teacher
     step_rows: Mapping[str, Mapping[str, Mapping[str, str]]]  # table cells by step, teacher, column
-    points: pd.DataFrame  # teacher, seed, step (or `END`) and value of every run
+    points: pd.DataFrame  # teacher, seed, step (or `END`) and value, a row per run and evaluation
     charts: Sequence[PageChart]  # charts with all teachers
     sentences: Sequence[str] = ()  # sentences about the findings
     panels: Sequence[PageChart] = ()  # charts with a panel per teacher
@@ -118,7 +118,7 @@ class Section:
 def overview(
     sections: Sequence[Section], titles: Iterable[str], quantity: str, heading: str, caption: str
 ) -> list[PageChart]:
-    """Return the overview chart of all comparisons; empty if there is only one or no run was evaluated."""
+    """Return the overview chart of all comparisons, empty for fewer than two or without results."""
     points = [section.points.assign(comparison=section.anchor) for section in sections]
     if len(sections) < 2 or all(table.empty for table in points):
         return []
@@ -202,7 +202,7 @@ def by_step(
 
 
 def _against_random(tested: Mapping[str, Mapping[Any, Mapping[Any, Any]]], key: Hashable) -> dict[str, str]:
-    """Return the table cells for the tests of `key` in both measures, empty without tests."""
+    """Return the table cells for the tests of `key` in both measures, as empty strings without tests."""
     tests = {axis: rows[key] for axis, rows in tested.items() if key in rows}
     if len(tests) < len(tested):
         return {"difference": "", "p": ""}
@@ -236,7 +236,7 @@ def sections(measurements: Measurements) -> Iterator[Section]:
 
 
 def distinct(titles: Sequence[str]) -> list[str]:
-    """Return titles without the comma-separated parts that all of them share."""
+    """Return `titles` without the comma-separated parts that are common to all."""
     parts = [title.split(", ") for title in titles]
     shared = set.intersection(*map(set, parts)) if parts else set()
     return [", ".join(part for part in title if part not in shared) or ", ".join(title) for title in parts]

@@ -29,7 +29,7 @@ def write_trial(
     frames: Frames,
     trial: Frames,
 ) -> Path:
-    """Write the page of a trial, with a table, a figure, a LaTeX row and methods next to it.
+    """Write the page of a trial, and next to it a table, a figure, a LaTeX row and a methods paragraph.
 
     Returns:
         The page, ``index.html``.
@@ -90,7 +90,7 @@ def _curves(design: Design, frames: Frames, trial: Frames) -> Chart:
 
 
 def _cost(design: Design, trial: Frames) -> str:
-    """Return the runs and hours of the trial as text."""
+    """Return the numbers of runs and hours that the trial has taken, as text."""
     runs = int((trial.cells.drop_duplicates("run_id")["status"] == "done").sum())
     hours = float(trial.run_hours.sum())
     text = f"{runs} of at most {design.looks[-1] * len(design.cells)} runs"

@@ -1,4 +1,4 @@
-"""Statistical tests, confidence intervals, corrections for multiple tests, and power."""
+"""Statistical tests, confidence intervals, corrections for multiple testing, and power."""
 
 from analysis.statistics.samples import (
     CONFIDENCE,

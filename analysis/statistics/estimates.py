@@ -31,7 +31,7 @@ Floats: TypeAlias = NDArray[np.float64]
 
 
 def interquartile_mean_of(sample: Strata, clusters: Clusters | None = None) -> Estimate:
-    """Return the interquartile mean of all runs, with equal weights across strata.
+    """Return the interquartile mean of the runs of all strata, each with the same weight.
 
     The interval is the wider one of two: Tukey and McLaughlin's (1963), with the winsorised variance within
     strata and Satterthwaite's degrees of freedom over them, and that of the untrimmed mean, since winsorised
@@ -58,7 +58,7 @@ def interquartile_mean_of(sample: Strata, clusters: Clusters | None = None) -> E
 
 
 def probability_of_improvement(first: Strata, second: Strata) -> Estimate:
-    """Return the probability that a run of `first` beats one of `second`, with ties counted as half.
+    """Return the probability that a run of `first` beats one of `second`, counting ties as half.
 
     Mann and Whitney's U over the number of pairs is averaged over strata with equal weights. The interval of
     a stratum is Newcombe's (2006, method 5) with Student's quantile; intervals of several strata are combined
@@ -113,7 +113,7 @@ def performance_profile(
 
 
 def _margin(parts: Sequence[Floats], freedoms: Sequence[float] | None = None) -> float:
-    """Return half the width of Student's interval for the mean of all values."""
+    """Return the half-width of Student's interval for the mean of all values."""
     n = sum(map(len, parts))
     freedoms = freedoms or [len(part) - 1.0 for part in parts]
     squares = [float((deviations(part) ** 2).sum()) / (len(part) - 1) for part in parts]
@@ -126,7 +126,7 @@ def _margin(parts: Sequence[Floats], freedoms: Sequence[float] | None = None) ->
 
 
 def _margin_of_clusters(parts: Sequence[Floats], names: Sequence[Hashable], kept: float = 1.0) -> float:
-    """Return half the width of Student's interval for the mean of all values, clustered by `names` (n,).
+    """Return the half-width of Student's interval for the mean of all values, clustered by `names` (n,).
 
     `kept` is the share of the clusters that count as degrees of freedom.
     """
@@ -140,7 +140,7 @@ def _margin_of_clusters(parts: Sequence[Floats], names: Sequence[Hashable], kept
 
 
 def _share_of_wins(first: Floats, second: Floats) -> float:
-    """Return the share of pairs in which `first` is greater, with ties counted as half."""
+    """Return the share of pairs in which the value of `first` is greater, counting ties as half."""
     ties = negligible(first - second, np.maximum(np.abs(first), np.abs(second)))
     return float(np.where(ties, 0.5, first > second).mean())
 
@@ -153,7 +153,7 @@ def _newcombe(share: float, n: int, m: int) -> tuple[float, float]:
     denominators that is a polynomial of degree 4, with one root below 0, one above 1, and both ends between.
     """
     mean, quantile = (n + m) / 2 - 1, float(special.stdtrit(n + m - 2, TAIL))
-    denominators = np.array([2.0, 1.0, -1.0])  # coefficients of (2 - c) (1 + c), constant first
+    denominators = np.array([2.0, 1.0, -1.0])  # coefficients of (2 - c) (1 + c), constant term first
     spread = np.convolve([0.0, 1.0, -1.0], denominators + mean * np.array([1.0, 2.0, -2.0]))
     excess = n * m * np.convolve([share**2, -2 * share, 1.0], denominators) - quantile**2 * spread
     _, low, high, _ = np.sort(np.roots(excess[::-1]).real)

@@ -18,7 +18,7 @@ NODES = 64
 """Number of quadrature nodes per sample variance; the power of two runs against two is exact to 1e-6."""
 
 MOST_SEEDS = 1000
-"""Largest number of seeds that `seeds_needed` returns."""
+"""Maximum number of seeds that `seeds_needed` returns."""
 
 FURTHEST = 1e6
 """Largest difference that is searched, in standard errors."""
@@ -99,7 +99,7 @@ def detectable_in_pairs(
 
 def _smallest_shift(power_at: Callable[[float], float], target: float) -> float:
     """Return the smallest difference that reaches the power `target`, in units of the true standard error."""
-    from scipy import optimize  # deferred: doubles the import time of `analysis`
+    from scipy import optimize  # deferred, as it would double the import time of `analysis`
 
     high = 1.0
     while power_at(high) < target and high < FURTHEST:
@@ -126,7 +126,7 @@ def seeds_needed(test: Comparison, seeds: float, target: float = POWER) -> int |
         return _student_power(abs(test.t) * math.sqrt(number / seeds), freedom, SIGNIFICANCE) >= target
 
     high = 2
-    while not suffices(high):  # bracketed from below: the noncentral t is inaccurate far beyond the solution
+    while not suffices(high):  # bracket from below, since the noncentral t is inaccurate far beyond the root
         high *= 2
         if high > 2 * MOST_SEEDS:
             return None
@@ -135,7 +135,7 @@ def seeds_needed(test: Comparison, seeds: float, target: float = POWER) -> int |
 
 
 def _student_power(shift: float, freedom: float, significance: float) -> float:
-    """Return the power of a two-sided t-test for a difference of `shift` true standard errors."""
+    """Return the power of a two-sided t-test if the true difference is `shift` standard errors."""
     from scipy import special
 
     critical = float(special.stdtrit(freedom, 1 - significance / 2))
@@ -157,7 +157,7 @@ def _power(shift: float, first: Description, second: Description, significance: 
 def _critical_values(
     n: int, std: float, other_n: int, other_std: float, significance: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return Welch's critical differences (q, q) for pairs of sample variances, and their weights (q, q)."""
+    """Return Welch's critical differences (q, q) at pairs of sample variances, and pairs' weights (q, q)."""
     from scipy import special
 
     (variances, weights), (other_variances, other_weights) = _variances(n), _variances(other_n)
@@ -170,7 +170,7 @@ def _critical_values(
 
 @lru_cache(maxsize=256)
 def _variances(n: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return quadrature nodes (q,) of the sample variance of n standard normals, and their weights (q,)."""
+    """Return quadrature nodes (q,) and weights (q,) for the sample variance of n standard normals."""
     from scipy import special
 
     nodes, weights = np.polynomial.legendre.leggauss(NODES)

@@ -8,17 +8,17 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-CONFIDENCE = 0.95  # coverage of the confidence intervals
-TAIL = (1 + CONFIDENCE) / 2  # quantile level of an interval's upper end
+CONFIDENCE = 0.95  # coverage probability of confidence intervals
+TAIL = (1 + CONFIDENCE) / 2  # probability below an interval's upper end
 
 SIGNIFICANCE = 0.05
 """Significance level; p-values strictly below it are significant (paper, appendix on results)."""
 
-EQUAL = 1e-9  # relative tolerance for rounding errors of differences and deviations
+EQUAL = 1e-9  # relative tolerance below which differences and deviations are rounding errors
 
 
 def negligible(deviations: ArrayLike, values: ArrayLike) -> NDArray[np.bool_]:
-    """Return a mask of the deviations that are rounding errors relative to `values`.
+    """Return a mask of the deviations so small relative to `values` that they are rounding errors.
 
     This is the only criterion for samples without spread and for equal means.
 
@@ -87,7 +87,7 @@ def describe(values: ArrayLike) -> Description:
     n = sample.size
     if not n:
         return Description(0, math.nan, math.nan)
-    mean = float(np.add.reduce(sample)) / n  # less overhead than calling `mean` and `std`
+    mean = float(np.add.reduce(sample)) / n  # less overhead than `sample.mean()` and `sample.std()`
     differences = sample - mean
     std = math.sqrt(float(np.add.reduce(differences * differences)) / (n - 1)) if n > 1 else math.nan
     return Description(n, mean, std)
@@ -97,7 +97,7 @@ def mean_interval(sample: Description) -> tuple[float, float]:
     """Return Student's 95 % confidence interval of the mean; NaN without two values or any spread."""
     if sample.n < 2 or sample.std == 0:
         return math.nan, math.nan
-    from scipy import special  # deferred: doubles the import time of `analysis`
+    from scipy import special  # deferred, as it would double the import time of `analysis`
 
     margin = float(special.stdtrit(sample.n - 1, TAIL)) * sample.standard_error
     return sample.mean - margin, sample.mean + margin
@@ -146,7 +146,7 @@ def mean_interval_of(
 
 
 def bounded_interval(value: float, n: int) -> tuple[float, float]:
-    """Return the exact 95 % confidence interval of the mean percentage where all `n` runs have `value`.
+    """Return the exact 95 % confidence interval of a mean percentage if all `n` runs have the same `value`.
 
     The probability of `value` is at least p = 0.05^(1/n) with 95 % confidence, so the mean is between
     p * value and p * value + 100 (1 - p).
@@ -168,7 +168,7 @@ def finite(values: ArrayLike) -> NDArray[np.float64]:
 
 
 def holm(p_values: ArrayLike) -> NDArray[np.float64]:
-    """Return p-values (n,) adjusted by Holm's method; NaN stays NaN.
+    """Return p-values (n,) adjusted by Holm's method, leaving NaN as it is.
 
     Raises:
         ValueError: if a value is outside [0, 1].
@@ -178,7 +178,7 @@ def holm(p_values: ArrayLike) -> NDArray[np.float64]:
     if wrong.size:
         raise ValueError(f"p = {wrong[0]:g}: expected values in [0, 1]")
     adjusted = np.full(values.shape, np.nan)
-    order = np.argsort(values)[: np.isfinite(values).sum()]  # NaN sorts last
+    order = np.argsort(values)[: np.isfinite(values).sum()]  # NaNs are sorted last
     steps = values[order] * np.arange(order.size, 0, -1)
     adjusted[order] = np.minimum(np.maximum.accumulate(steps), 1.0)
     return adjusted

@@ -20,19 +20,19 @@ from analysis.statistics.samples import EQUAL, SIGNIFICANCE, TAIL, Description, 
 from tma_ray.support.validation import check_type
 
 MOST_ARRANGEMENTS = 20_000
-"""Largest number of arrangements that are enumerated; two samples of 8 runs have 12,870."""
+"""Maximum number of arrangements that are enumerated; two samples of 8 runs have 12,870."""
 
 DRAWN_ARRANGEMENTS = 9_999
 """Number of arrangements drawn at random if there are more, so that the smallest p is 1 in 10,000 (Davison
 and Hinkley, 1997)."""
 
-PERMUTATION_SEED = 0  # seed of random arrangements, fixed so that p depends on the samples alone
+PERMUTATION_SEED = 0  # seed of random arrangements, fixed so that p depends only on the samples
 
 Floats = NDArray[np.float64]
 
 
 def permutation_p(pairs: Sequence[tuple[ArrayLike, ArrayLike]], weights: Sequence[float] = (1.0,)) -> float:
-    """Return the two-sided p-value of a weighted mean difference by permutation within strata."""
+    """Return the two-sided p-value of a weighted mean difference by a permutation test within strata."""
     strata = [tuple(np.asarray(group, np.float64) for group in pair) for pair in pairs]
     observed = sum(weight * (a.mean() - b.mean()) for weight, (a, b) in zip(weights, strata, strict=True))
     scale = max(float(np.abs(np.concatenate(stratum)).max()) for stratum in strata) * sum(weights)
@@ -68,8 +68,8 @@ def _extreme_share(differences: Floats, observed: float, scale: float) -> float:
     return float(np.mean(np.abs(differences) >= abs(observed) - EQUAL * scale))
 
 
-ROUNDING = 1e-9  # tolerance for rounding errors of shares near 0 and 1
-ALL_EQUAL = "no spread between seeds"  # reason why equal values are not tested
+ROUNDING = 1e-9  # shares this close to 0 or 1 are rounded to it
+ALL_EQUAL = "no spread between seeds"  # reason for no test: all values are equal
 
 
 class Method(StrEnum):
@@ -112,7 +112,7 @@ class Scale(StrEnum):
         """
         if self is Scale.PERCENT:
             return percentages
-        shares = percentages.to_numpy(float) / 100  # arrays, faster than thousands of series
+        shares = percentages.to_numpy(float) / 100  # as an array, since operations on many series are slow
         wrong = shares[(shares < -ROUNDING) | (shares > 1 + ROUNDING)]
         if len(wrong):
             raise ValueError(f"{100 * wrong[0]:g}: expected percentages, in [0, 100], to test arcsines")
@@ -206,7 +206,7 @@ def welch_from_statistics(first: Description, second: Description) -> Comparison
 
 
 def _same_mean(first: Description, second: Description) -> bool:
-    """Return True if two means differ by a rounding error at most."""
+    """Return True if two means differ by no more than a rounding error."""
     return bool(negligible(first.mean - second.mean, max(abs(first.mean), abs(second.mean))))
 
 
@@ -271,7 +271,7 @@ def stratified(
 
 
 def stratum_weights(challenges: Sequence[Hashable]) -> list[float]:
-    """Return stratum weights that are equal and sum to 1 within each challenge; `challenges` is (n,).
+    """Return the weight of each stratum, given its challenge: equal, and summing to 1, within challenges.
 
     Leaderboards, tests, claims and trials use these weights: a challenge counts once, however many strata it
     has.
@@ -281,11 +281,11 @@ def stratum_weights(challenges: Sequence[Hashable]) -> list[float]:
 
 
 LEAST_VARIANCE_SHARE = 0.5
-"""Least variance of a group, as a share of the mean variance of all groups in its stratum."""
+"""Lower bound for the variance of a group, as a share of the mean variance of its stratum's groups."""
 
 
 def least_variance(samples: Iterable[Description]) -> float:
-    """Return the least variance allowed in a stratum, `LEAST_VARIANCE_SHARE` of the groups' mean variance.
+    """Return a lower bound for variances in a stratum: `LEAST_VARIANCE_SHARE` of the groups' mean variance.
 
     Some runs never learn to walk. If by chance all seeds of a group do, or none, its variance is too small,
     and tests of all pairs find too many differences (`docs/statistics.md`).
@@ -298,7 +298,7 @@ def least_variance(samples: Iterable[Description]) -> float:
 
 
 def _share_a_run(pairs: Sequence[tuple[pd.Series, pd.Series]]) -> bool:
-    """Return True if a run is in both groups, in any stratum."""
+    """Return True if any run is in both groups, of the same stratum or not."""
     first, second = (set().union(*(sample.index for sample in group)) for group in zip(*pairs, strict=True))
     return bool(first & second)
 
@@ -307,7 +307,7 @@ def t_test(
     n: int, reference_n: int, difference: float, error: float, freedom: float, method: Method = Method.WELCH
 ) -> Comparison:
     """Return the t-test of a difference, given its standard error and degrees of freedom."""
-    from scipy import special  # not `stats`, whose import takes a second
+    from scipy import special  # not `stats`, which takes a second to import
 
     t = difference / error
     margin = float(special.stdtrit(freedom, TAIL)) * error
@@ -352,7 +352,7 @@ def simultaneous_intervals(
     return low, high
 
 
-FEW_PAIRS = "fewer than 2 seeds in common"  # reason why pairs are not tested
+FEW_PAIRS = "fewer than 2 seeds in common"  # reason for no paired test
 
 
 def paired(sample: pd.Series, reference: pd.Series) -> Comparison:

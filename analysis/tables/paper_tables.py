@@ -1,4 +1,4 @@
-"""Tables as in the paper: results, hyper-parameters, expert knowledge."""
+"""The paper's tables: results, hyper-parameters, expert knowledge."""
 
 import itertools
 from collections.abc import Iterator, Mapping
@@ -103,7 +103,7 @@ def results_of(frame: pd.DataFrame) -> pd.DataFrame:
         students=pd.Series([tuple(sorted(names)) for names in students], index=table.index, dtype=object),
         **{name: "" for name in ("missing", "doubt") if name not in table},
     )
-    key = RESULTS[:6]  # pools of one embodiment occur twice: whole, and by embodiment
+    key = RESULTS[:6]  # a pool of a single embodiment occurs twice: whole, and by embodiment
     return table[RESULTS].drop_duplicates(key).sort_values(key, ignore_index=True)
 
 
@@ -146,7 +146,7 @@ def result_tables(results: TableResults) -> list[ResultTable]:
     The original task space of Stump Tracks has a column per level of expert knowledge, its challenges have a
     table per level, and Parkour a column per embodiment and one over all of them.
     """
-    by_name = {matrix.name: matrix for matrix in results.matrices}  # students may differ from the paper's
+    by_name = {matrix.name: matrix for matrix in results.matrices}  # with the students of `results`
     original = by_name[benchmark.ORIGINAL_SPACE.name]
     cells = {level: (original, original.embodiments, level) for level in _LEVELS}
     heading = f"Stump Tracks, original task space: {MASTERED}"
@@ -169,7 +169,7 @@ def result_tables(results: TableResults) -> list[ResultTable]:
 
 
 def hyperparameters(results: pd.DataFrame | None = None) -> ResultTable:
-    """Return the table of searched hyper-parameters: values tried, the paper's choice, the best point.
+    """Return the table of searched hyper-parameters: values tried, the paper's choice, and the best found.
 
     Args:
         results: result from `search_results`; None without a search.

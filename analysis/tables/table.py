@@ -92,14 +92,14 @@ class ResultTable:
         return bool(self.counts(column)) and not any(cell.words for cell in self.column_cells(column))
 
     def notes(self) -> dict[str, str]:
-        """Return the letters (a, b, ...) of the table's footnotes, by their text."""
+        """Return the letter (a, b, ...) of each of the table's footnotes, by its text."""
         cells = (self.cell(row, column) for row in self.rows for column in self.columns)
         texts = dict.fromkeys(note for cell in cells for note in cell.notes)
         return {text: _letters(index) for index, text in enumerate(texts)}
 
 
 def with_best(table: ResultTable, columns: Iterable[str] | None = None) -> ResultTable:
-    """Return `table` with the highest number (after rounding) of each of `columns`, or all, marked as best.
+    """Mark the highest number (after rounding) in each of `columns` (by default all) as best.
 
     Columns whose numbers are all equal have no mark.
     """
@@ -252,7 +252,7 @@ def _grid(table: ResultTable, marks: _Marks) -> Iterator[list[str]]:
 
 
 def _below(table: ResultTable, marks: _Marks) -> Iterator[str]:
-    """Yield the lines below a table: numbers of runs, remarks, notes."""
+    """Yield the lines below a table: remarks, numbers of runs, footnotes."""
     counts: set[int] = set().union(*(table.counts(column) for column in table.columns))
     remarks = [f"{counted(min(counts), 'run')} each."] if len(counts) == 1 else []
     if any(cell.best for cell in table.cells.values()):

@@ -1,4 +1,4 @@
-"""TensorBoard event files, written by tensorboardX."""
+"""Export of runs' scalars to TensorBoard event files, written by tensorboardX."""
 
 import re
 import struct
@@ -28,7 +28,7 @@ def event_files(folder: Path) -> list[Path]:
 
 
 def read_scalars(files: Sequence[Path]) -> dict[str, deque[tuple[int, float]]]:
-    """Return the steps and values of every tag, from each file up to its first incomplete record."""
+    """Return the steps and values of every tag, reading each file up to its first incomplete record."""
     from google.protobuf.message import DecodeError
     from tensorboardX.proto.event_pb2 import Event
 
@@ -64,12 +64,12 @@ class RunEvents:
         self._folder = folder
         self._counts: dict[Table, int] = {}  # points written so far, by table
         self._writer: Any = None  # writer of the current file
-        self._opened = 0  # number of files, to distinguish files created in the same second
-        self._cleared = False  # True if files were cleared since the last one was opened
+        self._opened = 0  # number of files opened, to distinguish files created in the same second
+        self._cleared = False  # True if earlier files were emptied, until the next one is opened
 
     def append(self, points: Mapping[Table, Sequence[Point]]) -> bool:
         """Write the new points, or all points if some were withdrawn, and return True if any were written."""
-        if not self._counts:  # an earlier tracker may have written some
+        if not self._counts:  # an earlier tracker may have written some points
             files = event_files(self._folder)
             written, self._opened = read_scalars(files), len(files)
             self._counts = {table: _common(points[table], written) for table in TRACKED_TABLES}
@@ -91,7 +91,7 @@ class RunEvents:
             self._folder.mkdir(parents=True, exist_ok=True)
             self._writer = EventsWriter(str(self._folder / "events"), f".{self._opened}")
             self._opened += 1
-            if self._cleared:  # makes a running TensorBoard discard the folder's earlier points
+            if self._cleared:  # a running TensorBoard discards earlier points at START
                 start = Event(wall_time=time.time(), step=0)
                 start.session_log.status = start.session_log.START
                 self._writer.write_event(start)
@@ -114,11 +114,11 @@ class RunEvents:
         self.close()
         self._counts, self._cleared = {}, True
         for path in event_files(self._folder):
-            path.write_bytes(b"")  # a running TensorBoard would stop at a deleted file
+            path.write_bytes(b"")  # not deleted: a running TensorBoard would stop at a missing file
 
 
 def _common(points: Sequence[Point], written: Mapping[str, deque[tuple[int, float]]]) -> int:
-    """Remove from `written` the leading `points` that it already has, and return their number."""
+    """Count the leading `points` that are already in `written`, and remove them from it."""
     for index, (step, scalars) in enumerate(points):
         expected = {tag: (step, float(np.float32(value))) for tag, value in scalars.items()}
         if any(not written.get(tag) or written[tag][0] != value for tag, value in expected.items()):
@@ -180,5 +180,5 @@ def run_folder(run: RunRecord, experiment: str) -> Path:
 
 
 def _plain(name: object) -> str:
-    """Return a safe folder name for any text, even for ``..``."""
+    """Return `name` as a safe folder name, even if it is ``..``."""
     return re.sub(r"[^0-9A-Za-z._=-]+", "_", str(name)).strip("._")[:100] or "unnamed"

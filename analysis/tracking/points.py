@@ -42,9 +42,9 @@ class Tracker(ABC):
     """
 
     def __init__(self, root: str | Path) -> None:
-        Results.open(root)  # fails early without a results root
+        Results.open(root)  # to fail early if this is not a results root
         self._root = root
-        self._files: dict[str, object] = {}  # files of each run's manifest at the last update
+        self._files: dict[str, object] = {}  # files in each run's manifest at the last update
 
     def update(self) -> int:
         """Write the points published since the last update.
@@ -74,7 +74,7 @@ class Tracker(ABC):
 
 
 def watch(tracker: Tracker) -> Iterator[int]:
-    """Update `tracker` periodically, yielding the number of runs with new points if any; never ends."""
+    """Update `tracker` periodically, yielding the number of runs whenever any have new points; never ends."""
     while True:
         time.sleep(UPDATE_SECONDS)
         if count := tracker.update():

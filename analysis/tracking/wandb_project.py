@@ -1,4 +1,4 @@
-"""Scalars of runs in a Weights & Biases project."""
+"""Export of runs' scalars to a Weights & Biases project."""
 
 import json
 import re
@@ -13,8 +13,8 @@ from tma_ray.support.decoding import MOST_TEXT_BYTES, read_file
 
 STEP_KEY: Final = "global_step"  # key of environment steps, as in CleanRL and openrlbenchmark
 RETURN: Final = "charts/episodic_return"  # key of the training return, as in CleanRL and openrlbenchmark
-SENT: Final = "published"  # prefix of the keys with the number of points sent from each table
-LEDGER: Final = "tma_ray_sent.json"  # file with the number of points sent for each run, used by offline runs
+SENT: Final = "published"  # prefix of the keys that hold the number of points sent from each table
+LEDGER: Final = "tma_ray_sent.json"  # file with each run's number of points sent, needed offline
 
 
 class WandbProject(Tracker):
@@ -54,7 +54,7 @@ class WandbProject(Tracker):
         if all(len(points[table]) <= sent.get(table.value, 0) for table in TRACKED_TABLES):
             return False
         run = self._begin(manifest, experiment)
-        # an online run keeps the counts in its summary
+        # online, the counts are in the run's summary; offline, only in the ledger
         sent = {
             table.value: max(int(run.summary.get(f"{SENT}/{table.value}", 0)), sent.get(table.value, 0))
             for table in TRACKED_TABLES
@@ -78,7 +78,7 @@ class WandbProject(Tracker):
         return bool(new)
 
     def _begin(self, manifest: Manifest, experiment: str) -> Any:
-        """Create a run in the project, or resume it."""
+        """Create the run of a manifest in the project, or resume it."""
         import wandb
 
         record, config = manifest.run, config_of(manifest)
@@ -123,7 +123,7 @@ def config_of(manifest: Manifest) -> dict[str, Any]:
 
 
 def tags_of(manifest: Manifest, experiment: str) -> list[str]:
-    """Return the tags of a run (experiment, components, versions), in characters that queries accept."""
+    """Return the tags of a run (experiment, components, versions), limited to characters valid in queries."""
     record = manifest.run
     names = (
         experiment,

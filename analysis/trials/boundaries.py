@@ -1,4 +1,4 @@
-"""Boundaries of group-sequential tests by error spending, and their crossing probabilities.
+"""Error-spending boundaries of group-sequential tests, and probabilities of crossing them.
 
 Boundaries are one-sided, on the scale of standard normal test statistics: a boundary is crossed at the first
 look whose statistic is over it. Statistics of looks have the canonical joint distribution (Jennison and
@@ -17,15 +17,15 @@ from scipy import optimize, special
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(96)
 """Gauss-Legendre quadrature on [-1, 1], with which crossing probabilities are exact to 1e-9."""
 
-LOWEST = -9.0  # standard deviations below the mean at which densities are cut off
-HIGHEST = 40.0  # upper limit of the search for boundaries, where the tail is 0 in double precision
-FURTHEST = 12.0  # largest distance between the median-unbiased and the naive estimate, in standard errors
+LOWEST = -9.0  # point at which densities are truncated, in standard deviations from the mean
+HIGHEST = 40.0  # upper end of the search for boundaries; beyond it, the tail is 0 in double precision
+FURTHEST = 12.0  # search range around the naive estimate for the median-unbiased one, in standard errors
 
 Floats = NDArray[np.float64]
 
 
 def spent(fraction: float, error: float) -> float:
-    """Return the part of the one-sided `error` that is spent at a fraction of the information.
+    """Return the part of the one-sided `error` that is spent by a fraction of the information.
 
     Lan and DeMets' (1983) O'Brien-Fleming-type function: 2 - 2 Phi(z(1 - error / 2) / sqrt(fraction)).
     """
@@ -103,7 +103,7 @@ class _Path:
 
     scores: Floats = field(default_factory=lambda: np.zeros(1))  # quadrature nodes (n,)
     density: Floats = field(default_factory=lambda: np.ones(1))  # probability at each node (n,)
-    information: float = 0.0  # information at the last look
+    information: float = 0.0  # information at the latest look
 
     def over(self, bound: float, information: float, drift: float = 0.0) -> float:
         """Return the probability of crossing `bound` at the next look."""

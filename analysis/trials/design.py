@@ -31,25 +31,25 @@ SCALES = {HEADLINE: Scale.ARCSINE, FINAL: Scale.PERCENT}
 """Scale on which each measure of a trial is tested: first the measure that the trial is designed for, whose
 spread grows with its mean, then the one that is reported beside it."""
 
-AXES = tuple(SCALES)  # measures of a trial
+AXES = tuple(SCALES)  # measures that a trial compares
 
 SCALED = {HEADLINE: "angle", FINAL: "end"}
 """Columns of `ended_runs` with the measures on the scales of their tests."""
 
-CHALLENGE = 2  # number of leading columns in `CELL_COLUMNS` that name a challenge
+CHALLENGE = 2  # number of leading columns of `CELL_COLUMNS` that identify a challenge
 
 ERRORS = (0.05, 0.045, 0.04, 0.035, 0.03, 0.025, 0.02, 0.015, 0.01)
 """Candidate errors to spend; a design uses the largest with wrong verdicts in at most `ERROR` of trials."""
 
-TRIALS = 4_000  # number of simulated trials from which the error is chosen
+TRIALS = 4_000  # number of trials simulated to choose the error
 
 
 @dataclass(frozen=True)
 class Spread:
     """Spread of a measure among a release's runs in a cell, on the scale of its test."""
 
-    slope: float  # points of the measure per unit of the scale, at the mean of the release
-    deviation: float  # standard deviation of a run, pooled over the release's teachers
+    slope: float  # derivative of the measure (in points) by its scaled value, at the release's mean
+    deviation: float  # standard deviation over runs, pooled over the release's teachers
     least: float  # `statistics.least_variance` of the release's teachers
 
 
@@ -57,17 +57,17 @@ class Spread:
 class TrialCell:
     """Cell of a trial, with its weight, its cost, and the spread of results in the release."""
 
-    name: str  # name of the challenge, with the embodiment where the release has several
+    name: str  # name of the challenge, with the embodiment if the release has several
     environment: str
     challenge: str
     embodiment: str
     student: str
     expert_knowledge: str
-    slope: float  # points of `HEADLINE` per radian of its arcsine, at the mean of the release
-    deviation: float  # standard deviation of a run, pooled over the release's teachers, in rad
+    slope: float  # derivative of `HEADLINE` (points) by its arcsine (rad), at the release's mean
+    deviation: float  # standard deviation over runs, pooled over the release's teachers, in rad
     hours: float  # median hours of a run in the release; 0 if unknown
-    weight: float | None = None  # weight in the mean over cells; None in older designs, for equal weights
-    least: float = 0.0  # least variance of a teacher's runs, in rad²
+    weight: float | None = None  # weight in the mean over cells; None in older designs (equal weights)
+    least: float = 0.0  # `statistics.least_variance` of the release's teachers, in rad²
     end: Spread | None = None  # spread of `FINAL`; None in older designs, which report `HEADLINE` alone
 
     def spread(self, measure: str) -> Spread:
@@ -89,16 +89,16 @@ class Design:
 
     teacher: str  # canonical name of the new teacher
     release: str  # name of the release with which the teacher is compared
-    release_digest: str  # SHA-256 of the runs of the references and their results
+    release_digest: str  # SHA-256 of the references' run ids and results
     best: str  # teacher of the release with the highest mean of `HEADLINE`, other than Random
     candidates: int  # number of teachers among which `best` was selected
-    cells: tuple[TrialCell, ...]  # cells in the order in which they are run
+    cells: tuple[TrialCell, ...]  # cells in the order in which the trial runs them
     seeds: tuple[int, ...]  # seeds of the new teacher, disjoint from those of the references
     margin: float = AREA_MARGIN  # equivalence margin of `HEADLINE`, in points; see `margin_of`
-    error: float = rules.ERROR  # error to spend on both comparisons together, at most `ERROR`
-    simulated_error: float = 0.0  # largest share of simulated trials with a wrong verdict
+    error: float = rules.ERROR  # error to spend on both comparisons together, at most `rules.ERROR`
+    simulated_error: float = 0.0  # share of simulated trials with a wrong verdict, in the worst case
     looks: tuple[int, ...] = rules.LOOKS  # number of the new teacher's seeds per cell at each look
-    measure: str = HEADLINE  # measure of the design, a column of `run_measures`
+    measure: str = HEADLINE  # measure that the design is made for, a column of `run_measures`
     runs: str = ""  # SHA-256 of the ids of all runs, which depend on the teacher's source and settings
 
     @classmethod
@@ -135,7 +135,7 @@ class Design:
         )
 
     def margin_of(self, measure: str) -> float:
-        """Return the equivalence margin of a measure in points, twice as wide for final results."""
+        """Return the equivalence margin of a measure, in points; that of final results is twice as wide."""
         return 2 * self.margin if measure == FINAL else self.margin
 
     @property
@@ -151,19 +151,19 @@ class Design:
         return rules.DecisionRule(self.looks, fractions, margin, candidates, error)
 
     def is_asked_for(self, teacher: str, release: str, cells: Collection[str], margin: float) -> bool:
-        """Return True if teacher, release, cells and margin are those of the design."""
+        """Return True if the design is for this teacher, release, cells and margin."""
         settings = self.teacher, self.release, {cell.name for cell in self.cells}, self.margin
         return settings == (teacher, release, set(cells), margin)
 
     def renewed(self, released: pd.DataFrame) -> "Design":
-        """Return the design with the digest of the references' runs in `released`.
+        """Return the design with its digest recomputed from the references' runs in `released`.
 
         The digest ignores other runs, so a release may grow during a trial.
         """
         return replace(self, release_digest=_digest(released, self.references, self.keys))
 
     def differing(self, other: "Design") -> list[str]:
-        """Return a phrase for each setting in which another design differs."""
+        """Return a phrase for each setting that differs between this and another design."""
         first, second = self.to_dict(), other.to_dict()
         phrases = [
             f"{name}: {first[name]!r:.80}, not {second[name]!r:.80}"
@@ -176,12 +176,12 @@ class Design:
 
 
 def released_runs(frames: Frames) -> pd.DataFrame:
-    """Return a release's ended runs whose returns are finite."""
+    """Return the runs of a release that have ended with finite returns."""
     return ended_runs(frames).dropna(subset=["angle"])
 
 
 def ended_runs(frames: Frames) -> pd.DataFrame:
-    """Return the ended runs; measures are NaN for runs with non-finite returns.
+    """Return the runs that have ended, with NaN measures for those with non-finite returns.
 
     Returns:
         `CELL_COLUMNS`, teacher, run_id, seed, the measures of `AXES` and the columns of `SCALED`.
@@ -202,7 +202,7 @@ def in_cell(runs: pd.DataFrame, key: tuple[str, ...]) -> pd.DataFrame:
 def moments_of(
     runs: pd.DataFrame, teacher: str, keys: Sequence[tuple[str, ...]], measure: str = HEADLINE
 ) -> rules.Moments:
-    """Return the moments of a teacher's runs in each cell, NaN where a sample is too small."""
+    """Return the moments of a teacher's runs in each cell, NaN for cells with too few runs."""
     rows = runs[runs["teacher"] == teacher]
     samples = [in_cell(rows, key)[SCALED[measure]].to_numpy(float) for key in keys]
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -263,7 +263,7 @@ def make_design(
 
 
 def _cell_keys(cells: pd.DataFrame, names: Collection[str]) -> dict[str, tuple[str, ...]]:
-    """Return the cells of Random at the highest level of knowledge: values of `CELL_COLUMNS` by name."""
+    """Return the values of `CELL_COLUMNS` by cell name, for Random's cells at the highest knowledge level."""
     rows = cells[cells["teacher"].map(lambda name: is_baseline(str(name)))]
     keys = {tuple(map(str, row)) for row in rows[CELL_COLUMNS].itertuples(index=False)}
     rising = sorted(keys, key=lambda key: (key[:-1], KnowledgeLevel(key[-1]).rank))
@@ -328,7 +328,7 @@ def _spread(rows: pd.DataFrame, measure: str) -> Spread:
 
 
 def _candidates(released: pd.DataFrame, keys: Sequence[tuple[str, ...]]) -> list[str]:
-    """Return the teachers other than Random with at least as many runs as Random in each cell."""
+    """Return the teachers, excluding Random, with at least as many runs as Random in every cell."""
     needed = moments_of(released, BASELINE, keys).runs
     return [
         teacher
@@ -338,7 +338,7 @@ def _candidates(released: pd.DataFrame, keys: Sequence[tuple[str, ...]]) -> list
 
 
 def _best(released: pd.DataFrame, keys: Sequence[tuple[str, ...]], name: str) -> tuple[str, int]:
-    """Return the best teacher over all cells, other than Random, and the number of candidates."""
+    """Return the best teacher over all cells, excluding Random, and the number of candidates."""
     needed = moments_of(released, BASELINE, keys).runs
     if needed.min() < 3:
         runs = counted(int(needed.min()), "run")
@@ -379,7 +379,7 @@ def setting_of(design: Design, released: pd.DataFrame, measure: str = HEADLINE) 
 
 
 def detectable(design: Design, reference: str, runs: rules.Floats) -> float:
-    """Return the difference, in points, that a trial detects with power `POWER` over all looks.
+    """Return the true difference, in points, that a trial detects by its last look with power `POWER`.
 
     Runs are assumed normal with the release's standard deviations.
     """
@@ -398,7 +398,7 @@ def detectable(design: Design, reference: str, runs: rules.Floats) -> float:
 
 
 def planned(design: Design, runs: rules.Floats, measure: str = HEADLINE) -> list[rules.DifferenceEstimate]:
-    """Return the expected estimate at each look for a new teacher that is equal to the reference."""
+    """Return the expected estimate at each look, for a new teacher whose results equal the reference's."""
     variance = np.array([cell.spread(measure).deviation ** 2 for cell in design.cells])
     reference = rules.Moments(np.zeros_like(variance), variance, runs)
     teachers = [replace(reference, runs=np.full_like(variance, seeds)) for seeds in design.looks]

@@ -1,4 +1,4 @@
-"""Results of trials: comparisons at completed interim looks, as tables and as text."""
+"""Results of trials: comparisons at completed interim looks, with tables and texts about them."""
 
 import math
 import re
@@ -40,7 +40,7 @@ class TrialEnding(StrEnum):
     DECIDED = "decided"  # both comparisons have a verdict
     FUTILE = "futile"  # no open comparison is likely to get a verdict
     LAST = "last look"  # all looks are completed
-    GOES_ON = ""  # the trial does not end yet
+    GOES_ON = ""  # the trial continues
 
 
 @dataclass(frozen=True)
@@ -48,15 +48,15 @@ class LookComparison:
     """Comparison of the new teacher with a reference at an interim look, in points."""
 
     measure: str  # measure that is compared, one of `design.AXES`
-    reference: str  # teacher that the new one is compared with
+    reference: str  # teacher with which the new one is compared
     seeds: int  # number of the new teacher's seeds per cell
     value: float  # observed difference
-    unbiased: float  # median-unbiased estimate, which allows for earlier looks; NaN after a verdict
+    unbiased: float  # median-unbiased estimate, corrected for earlier looks; NaN after a verdict
     low: float  # lower end of the repeated confidence interval
     high: float  # upper end of the interval
     verdict: TrialVerdict  # verdict based on the interval
-    power: float  # predictive power at the last look; 1 after a verdict
-    within_budget: float  # predictive power at the last look within the budget
+    power: float  # predictive power at the final look; 1 after a verdict
+    within_budget: float  # predictive power at the last look that the budget allows
 
 
 @dataclass(frozen=True)
@@ -64,13 +64,13 @@ class InterimLook:
     """Interim look of a trial, with its comparisons."""
 
     seeds: int  # number of the new teacher's seeds per cell
-    comparisons: tuple[LookComparison, ...]  # comparisons, starting with the measure that ends trials
-    settled: tuple[LookComparison, ...]  # comparisons at the look that gave their verdict, else at this one
+    comparisons: tuple[LookComparison, ...]  # comparisons, those by the measure that ends trials first
+    settled: tuple[LookComparison, ...]  # each comparison at the look of its verdict, or else at this look
     ending: TrialEnding  # reason why the trial ends here, or `GOES_ON`
     excluded: int = 0  # number of runs excluded for non-finite returns
 
     def pairs(self) -> Iterator[tuple[LookComparison, ...]]:
-        """Yield the settled comparisons of each reference, by `HEADLINE` and (if compared) by `FINAL`."""
+        """Yield, for each reference, the settled comparisons by `HEADLINE` and, if compared, by `FINAL`."""
         for reference in dict.fromkeys(comparison.reference for comparison in self.settled):
             yield tuple(comparison for comparison in self.settled if comparison.reference == reference)
 
@@ -145,7 +145,7 @@ def _comparison(
         for last in (len(design.looks) - 1, max(affordable, look))
     )
     unbiased = value
-    if estimate.freedom > 0:  # information at every look, from the current variances
+    if estimate.freedom > 0:  # information at every look so far, from current variances
         counts = [np.full_like(teacher.runs, float(seeds)) for seeds in design.looks[: look + 1]]
         errors = [
             float(difference(replace(teacher, runs=runs), reference, estimand).error) for runs in counts
@@ -164,7 +164,7 @@ def _comparison(
 def course(
     design: Design, released: pd.DataFrame, looks: list[InterimLook], reference: str, measure: str = HEADLINE
 ) -> pd.DataFrame:
-    """Return a row for each look of one comparison, with expected boundaries for future looks.
+    """Return a row for each look of one comparison, including expected boundaries for future looks.
 
     Returns:
         seeds; value, low and high (difference and repeated confidence interval, NaN for future looks);
@@ -205,7 +205,7 @@ def curves(design: Design, frames: Frames, trial_frames: Frames) -> pd.DataFrame
 
 
 def joined_trials(baseline: Baseline) -> list[tuple[Design, InterimLook]]:
-    """Return the design and the last look for each teacher that joined a release through a trial.
+    """Return the design and the last look of every trial through which a teacher joined a release.
 
     References are Random and the best teacher of the core, so joining changes no other verdict. Seeds follow
     those of the references. Designs are recomputed by the current rules.
@@ -295,7 +295,7 @@ def _verdict(pair: Sequence[LookComparison]) -> str:
 
 
 def _quantity(design: Design) -> str:
-    """Return a phrase that defines the differences: their unit, and how each measure is averaged."""
+    """Return a phrase that defines what differences are: their unit, and how each measure is averaged."""
     parts = [f"{AVERAGING[measure]} ({AXES[measure]})" for measure in design.axes]
     return f"points of test tasks mastered {' and '.join(parts)}"
 

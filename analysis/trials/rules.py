@@ -22,7 +22,7 @@ ERROR = 0.05  # probability of a wrong verdict, over both comparisons and all lo
 COMPARISONS = 2
 """Number of comparisons, with Random and the best teacher, which share the error equally (Bonferroni)."""
 
-FUTILE = 0.3  # conditional power below which a comparison is futile
+FUTILE = 0.3  # predictive power below which a comparison is futile
 
 Floats = NDArray[np.float64]
 
@@ -32,7 +32,7 @@ class TrialVerdict(StrEnum):
 
     BETTER = "better"  # interval entirely above 0
     WORSE = "worse"  # interval entirely below 0
-    ALIKE = "alike"  # interval entirely within the margin
+    ALIKE = "alike"  # interval entirely within ± the margin
     OPEN = "open"  # none of these
 
 
@@ -41,7 +41,7 @@ class Moments:
     """Means and variances of a teacher's runs in each cell, on the scale of the test."""
 
     mean: Floats  # means (..., cells)
-    variance: Floats  # sample variances (..., cells); 0 in place of rounding errors of the means
+    variance: Floats  # sample variances (..., cells); 0 if they are mere rounding errors
     runs: Floats  # number of runs (cells,)
 
     def __post_init__(self) -> None:
@@ -50,7 +50,7 @@ class Moments:
 
     @classmethod
     def of(cls, values: Floats) -> "Moments":
-        """Return the moments of samples (..., cells, runs)."""
+        """Return the moments of `values` (..., cells, runs)."""
         runs = np.full(values.shape[-2], float(values.shape[-1]))
         return cls(values.mean(axis=-1), values.var(axis=-1, ddof=1), runs)
 
@@ -69,7 +69,7 @@ class Estimand:
         return self.weights * self.slopes
 
     def variance(self, sample: Moments) -> Floats:
-        """Return the variances (..., cells) that enter standard errors, raised to at least `least`."""
+        """Return the variances (..., cells) that enter standard errors, with `least` as a lower bound."""
         return np.maximum(sample.variance, self.least)
 
 
@@ -79,7 +79,7 @@ class DifferenceEstimate:
 
     value: Floats  # weighted mean over cells (...)
     error: Floats  # standard error (...)
-    freedom: Floats  # Welch-Satterthwaite degrees of freedom (...); NaN where no sample has a spread
+    freedom: Floats  # Welch-Satterthwaite degrees of freedom (...); NaN if all variances are 0
 
 
 def difference(teacher: Moments, reference: Moments, estimand: Estimand) -> DifferenceEstimate:
@@ -90,7 +90,7 @@ def difference(teacher: Moments, reference: Moments, estimand: Estimand) -> Diff
     squares = estimand.factors**2
     groups = [(group, squares / group.runs) for group in (teacher, reference)]
     terms = [(factors * group.variance, group.runs - 1) for group, factors in groups]
-    with np.errstate(invalid="ignore", divide="ignore"):  # where no sample has a spread
+    with np.errstate(invalid="ignore", divide="ignore"):  # 0/0 where all samples have zero variance
         freedom = sum(term.sum(axis=-1) for term, _ in terms) ** 2 / sum(
             (term**2 / count).sum(axis=-1) for term, count in terms
         )
@@ -104,9 +104,9 @@ class DecisionRule:
     """Group-sequential decision rule of one comparison."""
 
     looks: tuple[int, ...]  # number of the new teacher's seeds per cell at each look
-    fractions: tuple[float, ...]  # planned information at each look, as a share of that at the last look
+    fractions: tuple[float, ...]  # planned information at each look, as a share of the last look's
     margin: float  # equivalence margin, in points
-    candidates: int = 1  # number of teachers among which the reference is the best; 1 if it was not selected
+    candidates: int = 1  # number of teachers the reference is the best of; 1 if it was fixed in advance
     error: float = ERROR / COMPARISONS  # probability of a wrong verdict over all looks
 
     @cached_property
@@ -124,7 +124,7 @@ class DecisionRule:
         return self._bounds(1 - (1 - self.error / 2) ** (1 / self.candidates))
 
     def _bounds(self, error: float) -> tuple[float, ...]:
-        """Return boundaries that hold for any ratio of the variances of teacher and reference.
+        """Return boundaries that spend at most `error`, whatever the variances of teacher and reference.
 
         Crossing is most likely where statistics of looks correlate least (Slepian, 1962), which is where all
         variance is the new teacher's and information grows with its seeds.
@@ -145,7 +145,7 @@ class DecisionRule:
     def reach(self, estimate: DifferenceEstimate, look: int, *, above: bool) -> Floats:
         """Return the smallest difference in points that counts as better (if `above`) or worse at a look."""
         bounds = self.lower if above else self.upper
-        with np.errstate(invalid="ignore"):  # where no sample has a spread
+        with np.errstate(invalid="ignore"):  # NaN where all samples have zero variance
             reach = quantile(estimate.freedom, bounds[look]) * estimate.error
             return np.asarray(np.where(estimate.freedom > 0, reach, math.inf), np.float64)
 
@@ -172,7 +172,8 @@ class DecisionRule:
         parts = estimand.factors**2 * estimand.variance(teacher) * (1 / teacher.runs - 1 / seeds)
         spread = np.sqrt(np.maximum(parts.sum(axis=-1), np.finfo(float).tiny))
         low, high = (self.reach(then, last, above=above) for above in (True, False))
-        # The verdict is open within [-high, low], but "alike" between low - margin and margin - high.
+        # The verdict is open for differences within [-high, low], except where it is "alike": between
+        # low - margin and margin - high.
         inside = np.minimum(self.margin - high, low), np.maximum(low - self.margin, -high)
 
         def chance(value: Floats) -> Floats:
@@ -184,7 +185,7 @@ class DecisionRule:
 
 
 def planned_fractions(looks: Sequence[int], factors: Floats, reference_runs: Floats) -> tuple[float, ...]:
-    """Return the information at each look as a share of that at the last look, for equal variances.
+    """Return the information at each look as a share of the last look's, assuming equal variances.
 
     Args:
         looks: number of the new teacher's seeds per cell at each look.
@@ -196,11 +197,11 @@ def planned_fractions(looks: Sequence[int], factors: Floats, reference_runs: Flo
 
 
 def quantile(freedom: Floats, bound: float) -> Floats:
-    """Return Student's quantiles at the probability of the normal quantile `bound`."""
+    """Return Student's t quantiles at the probability whose normal quantile is `bound`."""
     return np.asarray(-special.stdtrit(freedom, float(special.ndtr(-bound))), np.float64)
 
 
-SIMULATION_SEED = 41  # seed of simulated trials, fixed so that designs are reproducible
+SIMULATION_SEED = 41  # seed of the simulated trials, fixed to make designs reproducible
 
 
 @dataclass(frozen=True)
@@ -208,10 +209,10 @@ class SimulatedOutcomes:
     """Outcomes of simulated trials, each with two comparisons: with Random and with the best teacher."""
 
     verdicts: NDArray[np.str_]  # `TrialVerdict` of each comparison (2, trials)
-    seeds: NDArray[np.int64]  # number of the new teacher's seeds per cell that were run (trials,)
-    estimates: Floats  # difference at the look of the verdict, or at the last one (2, trials), in points
+    seeds: NDArray[np.int64]  # number of seeds per cell that the new teacher ran (trials,)
+    estimates: Floats  # difference in points at the look of the verdict, or else the last one (2, trials)
     errors: Floats  # standard error of the estimate (2, trials)
-    looks: NDArray[np.int64]  # index of the look of the estimate (2, trials)
+    looks: NDArray[np.int64]  # index of the look at which the estimate was made (2, trials)
     wrong: NDArray[np.bool_]  # True where either verdict is wrong (trials,)
 
 
@@ -221,7 +222,7 @@ class Setting:
 
     rules: tuple[DecisionRule, ...]  # rules of the comparisons with Random and with the best teacher
     estimand: Estimand  # estimand of both comparisons
-    residuals: tuple[tuple[Floats, ...], ...]  # residuals by cell and teacher, Random first, (n,) each
+    residuals: tuple[tuple[Floats, ...], ...]  # residuals (n,) by cell and teacher, Random first
     runs: Floats  # number of runs of each reference in each cell (cells,)
 
 

@@ -39,7 +39,7 @@ NARROW_GAP, WIDE_GAP = 0.08, 0.3
 """Space between panels side by side, without and with numbers at their vertical axes, in inches."""
 
 ANIMATION_DPI = 90  # resolution of an animation, in dots per inch
-Drawn = dict[Panel, Axes]  # axes of the panels of a chart, row by row
+Drawn = dict[Panel, Axes]  # axes of each panel of a chart, row by row
 
 
 def figure_of(chart_of: Callable[P, Chart]) -> Callable[P, Figure]:
@@ -54,7 +54,7 @@ def figure_of(chart_of: Callable[P, Chart]) -> Callable[P, Figure]:
 
 @styled
 def draw(chart: Chart) -> Figure:
-    """Return a chart as a matplotlib figure, with animated panels at their last moment."""
+    """Draw a chart as a matplotlib figure, with animated panels at the moment they initially show."""
     if isinstance(chart.all_panels[0], Radar):
         return draw_radars(chart)
     size, names = chart.letters, ("font.size", "axes.labelsize", "xtick.labelsize", "ytick.labelsize")
@@ -90,7 +90,7 @@ def _frames(chart: Chart) -> Iterator[NDArray[np.uint8]]:
             draw_marks(axes, panel.at(step))
         figure.suptitle(f"{steps_text(step)} steps" if step else "start", fontsize=9)
         canvas.draw()  # type: ignore[no-untyped-call]
-        figure.set_layout_engine("none")  # keeps the layout of the first frame
+        figure.set_layout_engine("none")  # to keep the layout of the first frame
         yield np.array(canvas.buffer_rgba())[..., :3]  # type: ignore[no-untyped-call]
 
 
@@ -128,7 +128,7 @@ def lay_out(chart: Chart) -> tuple[Figure, Drawn]:
 
 
 def _shared(grid: Sequence[Sequence[PanelAxis | None]]) -> str:
-    """Return matplotlib's mode of sharing axes: "all", "row" or "none"."""
+    """Return the value of matplotlib's ``sharex`` or ``sharey``: "all", "row" or "none"."""
     rows = [[axis for axis in row if axis is not None] for row in grid]
     if not all(axis.bounded or axis.rows for row in rows for axis in row):
         return "none"
@@ -188,7 +188,7 @@ def _name_axes(figure: Figure, drawn: Drawn, chart: Chart) -> None:
         kinds = {(panel.x.kind, getattr(panel, side).kind) for panel in chart.all_panels}
         flat = side == "y" and kinds == {(AxisKind.STEPS, AxisKind.TASK)}
         once = len(titles) == 1 and len(chart.all_panels) > 1 and not flat
-        if once and not (side == "x" and chart.note):  # the note takes the place of a common title
+        if once and not (side == "x" and chart.note):  # a note is drawn where a common title would be
             share(_axis_title(chart.all_panels[0], side), fontsize=min(8.5, chart.letters + 1))
             continue
         for row in chart.panels[-1:] if once else chart.panels:

@@ -24,7 +24,7 @@ DIAMETER, THICKNESS = 0.55, 0.75
 
 
 def draw_marks(axes: Axes, panel: base.Panel) -> None:
-    """Draw the marks of a panel in its axes, or its text if it is empty."""
+    """Draw the marks of a panel in its axes, or else its `empty_text`."""
     if panel.empty_text:
         style: dict[str, Any] = {"ha": "center", "va": "center", "color": MUTED}
         axes.text(0.5, 0.5, panel.empty_text, transform=axes.transAxes, **style)
@@ -48,7 +48,7 @@ def _draw(mark: base.Mark, *_: object) -> None:
 
 @_draw.register
 def _(mark: base.Curve, axes: Axes, panel: base.Panel) -> None:
-    """Draw a curve, with a thinner line after the last step that all runs have reached."""
+    """Draw a curve, with a thinner line beyond the last step that all runs have reached."""
     whole = np.ones(len(mark.x), bool) if mark.n is None else mark.n == mark.n.max()
     start, end = (int(index) for index in np.flatnonzero(whole)[[0, -1]])
     x, colour = mark.x[start:], mark.look.colour
@@ -184,7 +184,7 @@ def _draw_stars(row: base.StarRow, axes: Axes, level: int) -> None:
         (row.below, "*", 5.5, "white", along, f"below-{row.svg_id}"),
         ([1], row.look.marker, 3.5, row.fill, end, None),
     ):
-        if len(steps):  # constrained layout reserves space even for empty lines
+        if len(steps):  # constrained layout would reserve space even for an empty line
             axes.plot(
                 list(steps),
                 np.ones(len(steps)),
@@ -219,8 +219,8 @@ def mappable(colours: base.ColourScale) -> ScalarMappable:
     return ScalarMappable(Normalize(colours.low, colours.high), colours.name)
 
 
-CHARACTER = 0.6  # width of a letter in units of the font size
-HANDLE, COLUMN_GAP = 2.6, 1.2  # length of handles, and space between columns, in units of the font size
+CHARACTER = 0.6  # mean width of a character in units of the font size
+HANDLE, COLUMN_GAP = 2.6, 1.2  # handle length and column spacing in units of the font size
 
 POINTS_PER_INCH = 72
 
@@ -281,7 +281,7 @@ def _columns(handles: Sequence[Line2D], width: float, size: float) -> int:
     widths = [(len(str(handle.get_label())) * CHARACTER + 0.5) * em for handle in handles]
     gaps = (HANDLE + COLUMN_GAP) * em
     for columns in range(len(widths), 1, -1):
-        # as matplotlib distributes handles over columns
+        # array_split distributes handles over columns as matplotlib does
         if sum(max(part) + gaps for part in np.array_split(widths, columns)) <= width - 0.1:
             return columns
     return 1

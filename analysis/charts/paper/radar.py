@@ -21,7 +21,7 @@ from analysis.teacher_styles import INK, MUTED, RULE, shown_together, teacher_st
 CENTRE, RADIUS = 1.36, 0.86
 """Height of a radar's centre above its lower edge, and radius of its rim, in inches."""
 
-STAR_GAP = 0.092  # distance between two stars, in inches
+STAR_GAP = 0.092  # distance between neighbouring stars, in inches
 
 STAR_COLUMNS, STAR_ROWS = 4, 2
 """Largest numbers of columns and rows of stars at an axis; more stars are replaced by their number."""
@@ -51,7 +51,7 @@ def draw_radars(chart: Chart) -> Figure:
 
 
 class RadarAxes:
-    """Polar axes of a radar chart, with the centre in inches and the font size in points."""
+    """Polar axes on which one radar is drawn, with its centre in inches and its font size in points."""
 
     def __init__(self, figure: Figure, centre: tuple[float, float], radar: Radar, size: float) -> None:
         self._figure, self._centre, self._radar, self._size = figure, centre, radar, size

@@ -14,12 +14,12 @@ from matplotlib.figure import Figure
 from analysis.teacher_styles import INK, MUTED, RULE
 from tma_ray.support.validation import check_type
 
-DPI = 150  # resolution of pictures on pages, in dots per inch
+DPI = 150  # resolution of PNG pictures on pages, in dots per inch
 PRINT_DPI = 300  # resolution of PNG files of `save`, in dots per inch
 
 STYLE: Any = {
     "font.family": "sans-serif",
-    "font.sans-serif": ["DejaVu Sans"],  # ships with matplotlib
+    "font.sans-serif": ["DejaVu Sans"],  # bundled with matplotlib
     "font.size": 8.5,
     "axes.titlesize": 9.5,
     "axes.titlelocation": "left",
@@ -44,11 +44,11 @@ STYLE: Any = {
     "legend.frameon": False,
     "legend.fontsize": 8.5,
     "text.color": INK,
-    "text.parse_math": False,  # names of plug-ins may contain dollar signs
+    "text.parse_math": False,  # plug-ins may have dollar signs in their names
     "lines.linewidth": 1.6,
     "lines.markersize": 4.5,
     "pdf.fonttype": 42,  # TrueType, for searchable text
-    "svg.hashsalt": "tma_ray",  # for reproducible identifiers
+    "svg.hashsalt": "tma_ray",  # fixed, for reproducible element ids
 }
 
 P = ParamSpec("P")
@@ -84,7 +84,7 @@ def png(figure: Figure) -> bytes:
 def svg(figure: Figure) -> str:
     """Return a figure as an SVG element with searchable text."""
     text = _file(figure, "svg", DPI, {"svg.fonttype": "none"}).decode()
-    return " ".join(text[text.index("<svg") :].split())  # an empty line would end the element in Markdown
+    return " ".join(text[text.index("<svg") :].split())  # in Markdown, an empty line would end the element
 
 
 def save(figure: Figure, path: str | Path, vector: Vector = Vector.PDF) -> tuple[Path, Path]:
@@ -102,11 +102,11 @@ def save(figure: Figure, path: str | Path, vector: Vector = Vector.PDF) -> tuple
     files, layout = [], figure.get_layout_engine()
     try:
         for ending in (vector.value, "png"):
-            file = Path(f"{path}.{ending}")  # not with_suffix: names such as "after-0.5" contain dots
+            file = Path(f"{path}.{ending}")  # with_suffix would replace ".5" in "after-0.5"
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_bytes(_file(figure, ending, PRINT_DPI))
             files.append(file)
-            figure.set_layout_engine("none")  # keeps the layout for the second file
+            figure.set_layout_engine("none")  # to keep the layout for the second file
     finally:
         if layout is not None:
             figure.set_layout_engine(layout)
