@@ -170,7 +170,7 @@ class Canvas:
         pygame.draw.circle(self.surface, end, (right, y), 4 * SUPERSAMPLING)
 
     def sees(self, left: Floats, right: Floats) -> NDArray[np.bool_]:
-        """Return a mask (n,) of the objects in the frame, given their x from `left` to `right` (n,)."""
+        """Return a mask (n,) of the objects in the frame, given x at their `left` and `right` ends (n,)."""
         return np.asarray((right >= self.view.left) & (left <= self.view.right))
 
     def _pixels(self, points: Floats) -> Floats:

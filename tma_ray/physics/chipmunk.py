@@ -14,7 +14,7 @@ from tma_ray.physics.rules import BodyArrays, StepArrays, body_arrays
 from tma_ray.terrain import FIXED, Terrain
 
 SETTLING_STEPS = 20  # steps to correct a body's joint angles; the softest joints keep 2 % of the error
-CLOSING_SWEEPS = 60  # corrections of every joint of a stretched body (like Box2D's position iterations)
+CLOSING_SWEEPS = 60  # passes that correct all joints of a stretched body (like Box2D's position iterations)
 CONTACT_CORRECTION = 0.2  # share of a penetration corrected per sweep (as in Box2D)
 
 

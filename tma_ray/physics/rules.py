@@ -19,7 +19,7 @@ class BodyArrays(NamedTuple):
     angle: NDArray[np.float64]  # angle of the part's frame (p,), in rad
     friction: NDArray[np.float64]  # friction coefficients (p,)
     vertices: NDArray[np.float64]  # corners of all parts in their frames (v, 2), in m
-    first_vertex: NDArray[np.int64]  # offsets of the parts' vertices (p + 1,)
+    first_vertex: NDArray[np.int64]  # offset of each part's corners in `vertices`, and the end (p + 1,)
     pushed: NDArray[np.bool_]  # True for parts that are pushed in the first step (p,)
     joint_parts: NDArray[np.int64]  # indices of the two parts of each joint (h, 2)
     anchors: NDArray[np.float64]  # anchors of each joint in the frames of its two parts (h, 2, 2), in m
@@ -113,7 +113,7 @@ class StepArrays(NamedTuple):
     critical: Integers  # 1 for parts whose contact ends the episode, otherwise 0 (p,)
     joint_parts: Integers  # indices of the two parts of each motor's joint (j, 2)
     contact_part: Integers  # index of the part whose contact is observed after each joint, or -1 (j,)
-    first_vertex: Integers  # offsets of the parts' vertices (p + 1,)
+    first_vertex: Integers  # offset of each part's corners in `vertices`, and the end (p + 1,)
     grip_part: Integers  # index of the part that each sensor is welded to (g,)
     torque_cost: float  # reward deducted per action and step at full torque
     upright_weight: float  # penalty per radian of tilt

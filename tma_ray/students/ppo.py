@@ -286,7 +286,7 @@ class PPO(PPOActing, StableBaselinesStudent[PPOHyperparameters, stable_baselines
         log_std: NDArray[np.float32] = self._flat.others[0].numpy(force=True).copy()
         self._policy = log_std, np.stack([self._low, self._high])
 
-    def _prepare_update(self) -> None:  # code that changes parameters must call `changed`
+    def _prepare_update(self) -> None:  # code that changes parameters by `update` must call `changed`
         self.update = PPOUpdate(self.model, self._flat, self.hyperparameters)
 
     def _train(self) -> None:

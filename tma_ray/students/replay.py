@@ -59,7 +59,7 @@ class ReplayBuffer:
         self._filled = 0  # number of rows ever written
         self._saved = 0  # `_added` at the last save or load, or 0 if none since `clear`
         self._endings = np.empty((1, self._observations.shape[1]), dtype=np.float32)
-        self._first_ending, self._next_ending = 1, 1  # range of the numbers in `_endings`: [first, next)
+        self._first_ending, self._next_ending = 1, 1  # `_endings` has the numbers [first, next)
 
     def add(self, transition: Transition, action: NDArray[np.float32]) -> None:
         """Store `transition` with its `action` (a,) scaled to [-1, 1]; if full, replace the oldest."""
@@ -97,7 +97,7 @@ class ReplayBuffer:
             terminated: True if the last transition ended in a terminal state.
         """
         count, row = len(actions), self._row
-        if self._size + count >= self._rows or row + count >= self._rows:  # wraps around or overwrites rows
+        if self._size + count >= self._rows or row + count >= self._rows:  # would wrap or overwrite rows
             for k in range(count):
                 last = terminated and k == count - 1
                 step = Transition(

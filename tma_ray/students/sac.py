@@ -228,7 +228,7 @@ class SAC(SACActing, StableBaselinesStudent[SACHyperparameters, stable_baselines
         self._acting.refresh()
 
     def _prepare_update(self) -> None:
-        # code that changes parameters must call `changed`
+        # code that changes parameters by `update` must call `changed`
         self.update = SACUpdate(self.model, self._actor, self._critics, self.hyperparameters)
 
     def _train(self, updates: int) -> None:

@@ -11,7 +11,7 @@ from tma_ray.tasks import Episode, ExpertKnowledge, KnowledgeLevel, Task, TaskSp
 from tma_ray.teachers.base import DistributionTeacher
 from tma_ray.teachers.numerics import Array, UnitBox, cloud_gaussian
 
-ROWS_AT_ONCE = 2_000  # rows predicted at once, to bound memory
+ROWS_AT_ONCE = 2_000  # largest number of rows predicted at once, to bound memory
 
 
 def assigned(sources: Array, targets: Array) -> NDArray[np.int64]:
@@ -106,7 +106,7 @@ class SuccessBuffer:
     points: Array = field(init=False)  # coordinates of the tasks in [0, 1] (n, f)
     returns: Array = field(init=False)  # return of one episode per task (n,)
     reached: bool = field(init=False, default=False)  # True if the median has reached `least`
-    worst: float = field(init=False, default=np.inf)  # lowest return of the first batch
+    worst: float = field(init=False, default=np.inf)  # lowest return of the first tasks added
 
     def __post_init__(self) -> None:
         self.points, self.returns = np.empty((0, self.size)), np.empty(0)

@@ -20,9 +20,8 @@ from tma_ray.tasks import (
 from tma_ray.teachers.base import PAPER_BUDGET, DistributionTeacher, for_budget, next_due
 from tma_ray.teachers.numerics import CONSTANT_STD, Array, UnitBox
 
-BOUNDARY_DISTANCE = (
-    1e-6  # smallest distance of points from the faces of the box, where densities are 0 or infinite
-)
+# smallest distance of points from the faces of the box, where densities are 0 or infinite
+BOUNDARY_DISTANCE = 1e-6
 
 
 class BetaProduct(NamedTuple):
@@ -120,12 +119,15 @@ class EntropyUpdate:
     present: BetaProduct  # current distribution
     points: Array  # coordinates of the played tasks (n, f)
     successes: NDArray[np.bool_]  # True for tasks that the student mastered (n,)
-    least_success: float  # smallest expected share of successes
-    most_divergence: float  # bound on KL(present || new), in nats
+    least_success: float  # lower bound on the expected share of successes
+    most_divergence: float  # upper bound on KL(present || new), in nats
     largest: float  # upper bound of the parameters; the lower bound is 1
 
     def solved(self) -> BetaProduct:
-        """Return the feasible distribution of highest entropy, or else the one of highest success."""
+        """Return the feasible distribution of highest entropy.
+
+        If none is feasible, return the distribution of highest success within the bound on the divergence.
+        """
         start = self.present.logs
         if self.success(start)[0] < self.least_success:
             start = self._best(start, self.success, (), self.success(start)[0])

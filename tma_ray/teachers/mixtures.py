@@ -105,7 +105,7 @@ class MixtureTeacher(Teacher):
     explore: float = 0.05
 
     def __post_init__(self) -> None:
-        check_at_least(self, 3, "fit_every")  # rows needed to fit two components
+        check_at_least(self, 3, "fit_every")  # a fit of two components needs three rows
         check_at_least(self, 2, "most_components")
         check_shares(self, "explore")
 

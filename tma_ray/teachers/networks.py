@@ -129,7 +129,7 @@ BLOCKS = 3
 GATED_LAYERS = 3
 SMALLEST_SCALE = 0.01
 UNIT_SCALE_INPUT = 0.9131652918237967  # solution x of SMALLEST_SCALE + slow_softplus(x) = 1
-FACE_DISTANCE = 1e-4  # least distance of points from the box's faces, where a sigmoid's density diverges
+FACE_DISTANCE = 1e-4  # smallest distance of points from the box's faces, where a sigmoid's density diverges
 
 
 class HighwayNetwork(nn.Module):

@@ -12,7 +12,7 @@ from tma_ray.tasks import Task, TaskSpace, WeightedGaussian
 Array = NDArray[np.float64]
 
 
-@cache  # cached: finding the libraries takes a hundred times as long as setting their threads
+@cache  # finding the libraries takes a hundred times as long as setting their numbers of threads
 def _libraries() -> ThreadpoolController:
     return ThreadpoolController()
 

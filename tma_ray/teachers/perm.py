@@ -30,9 +30,9 @@ class ResponseModel(NamedTuple):
     ability a per window of episodes, and the difficulty d = features @ weights.
     """
 
-    ability_std: float = 3.0  # standard deviation of the first ability's prior
+    ability_std: float = 3.0  # prior standard deviation of the ability in the first window
     drift_std: float = 0.5  # prior standard deviation of changes in ability between windows
-    weight_std: float = 3.0  # standard deviation of a weight's prior
+    weight_std: float = 3.0  # prior standard deviation of each weight
 
     def fit(self, features: Array, windows: NDArray[np.int64], responses: Array) -> tuple[Array, Array]:
         """Return the maximum a posteriori abilities (k,) and weights (m,).
@@ -80,9 +80,9 @@ class PERM(Teacher):
     """Tasks whose difficulty matches the student's ability, both estimated by an item-response model.
 
     The model explains returns, scaled to [0, 1], by the student's ability minus the difficulty of the task.
-    It is fitted to the latest windows of episodes, each with its own ability. Difficulty is a sum of bumps in
-    the task space with mean 0. A task is the uniform candidate whose difficulty is nearest to the latest
-    ability. Before the first fit tasks are uniform.
+    It is fitted to the latest windows of episodes, each with its own ability. Difficulty is a weighted sum
+    of Gaussian bumps in the task space, each with mean 0. A task is the uniform candidate whose difficulty is
+    nearest to the latest ability. Before the first fit tasks are uniform.
 
     Sources: Tio and Varakantham 2023 (arXiv:2306.13028) for the idea of latent ability and difficulty,
     inferred from returns and parameters, and difficulty matched to ability. Its equations could not be read,
@@ -91,7 +91,7 @@ class PERM(Teacher):
     Attributes:
         window_episodes: episodes of a window, after which the model is fitted.
         windows: latest windows in a fit.
-        bumps: number of bumps of the difficulty.
+        bumps: number of Gaussian bumps (radial basis functions) in the difficulty.
         bump_width: standard deviation of a bump, as a share of the unit box's diagonal.
         candidates: number of uniform candidates.
         explore: share of uniform tasks after the first fit, in [0, 1].
@@ -151,7 +151,7 @@ class PERM(Teacher):
         return np.stack([self._suitable(rng) for _ in range(count)])
 
     def features(self, points: Array) -> Array:
-        """Return the centred Gaussian bumps (n, m) of the difficulty at `points` (n, f) in the unit box."""
+        """Return the values (n, m) of all bumps, shifted to mean 0, at `points` (n, f) in the unit box."""
         from scipy.spatial.distance import cdist  # deferred, so that listing teachers does not import scipy
         from scipy.special import ndtr
 

@@ -54,7 +54,7 @@ def positive_value_loss(trajectory: Trajectory, values: Array, gae_lambda: float
     return float(np.maximum(advantages, 0.0).mean())
 
 
-NEGLIGIBLE_WEIGHT = 1e-9  # smallest weight of an n-step advantage in the average
+NEGLIGIBLE_WEIGHT = 1e-9  # n-step advantages of smaller weight are left out of the average
 
 
 def negative_advantage(trajectory: Trajectory, values: Array, gae_lambda: float) -> float:
@@ -75,9 +75,9 @@ def negative_advantage(trajectory: Trajectory, values: Array, gae_lambda: float)
             break
         before = sums[: len(errors) - length]
         longer = np.minimum(before + trajectory.gamma**length * errors[length:], 0.0)
-        total += weight * float(
-            (longer - before).sum()
-        )  # the longest possible sum also takes the weights of all longer ones
+        # averages sums of n steps with the weights (1 - lambda) lambda^(n - 1), of which the longest sum of
+        # a state takes the rest
+        total += weight * float((longer - before).sum())
         sums[: len(longer)] = longer
     return -total / len(errors)
 
@@ -106,10 +106,10 @@ class TaskBuffer:
     capacity: int  # largest number of tasks
     temperature: float  # beta in the paper
     staleness_share: float  # rho in the paper, in [0, 1]
-    tasks: Task = field(init=False)  # (k, d)
-    scores: Array = field(init=False)  # (k,)
-    staleness: Array = field(init=False)  # number of replays since the task was played (k,)
-    best: Array = field(init=False)  # highest discounted return of the task so far (k,)
+    tasks: Task = field(init=False)  # tasks in the buffer (k, d)
+    scores: Array = field(init=False)  # scores of the tasks (k,)
+    staleness: Array = field(init=False)  # number of replays since each task was last played (k,)
+    best: Array = field(init=False)  # highest discounted return of each task so far (k,)
     mastered: NDArray[np.bool_] = field(init=False)  # True for tasks mastered at least once (k,)
 
     def __post_init__(self) -> None:

@@ -20,7 +20,7 @@ from tma_ray.teachers.numerics import (
     softmax,
 )
 
-MOST_EPISODES = 2_000  # largest number of episodes in an estimate of values, to bound its time
+MOST_EPISODES = 2_000  # largest number of episodes in an estimate of values, to bound computation time
 
 
 def similarity(points: Array, targets: Array, reach: float) -> Array:

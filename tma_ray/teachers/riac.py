@@ -163,9 +163,8 @@ def _progress(members: NDArray[np.bool_], returns: Array) -> Array:
     return np.where(count > 2, np.abs(later_mean - earlier_mean), 0.0)
 
 
-# divisors of the capacity of a region (original release)
-KEPT_BY_PARTS = 20  # for the smallest number of episodes in a part
-FORGOTTEN = 4  # for the number of episodes that a full region drops if no cut is valid
+KEPT_BY_PARTS = 20  # capacity of a region over the smallest number of episodes in a part (original release)
+FORGOTTEN = 4  # capacity of a region over the number of episodes dropped without a valid cut (as above)
 
 
 @dataclass

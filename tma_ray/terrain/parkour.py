@@ -117,7 +117,7 @@ def softplus(values: Singles) -> Singles:
 
 
 TRACK_POINTS = STARTPAD_STEPS + POINTS  # points of ground and ceiling, one per terrain step from x = 0
-GOAL_X = (TRACK_POINTS - 5) * TERRAIN_STEP  # in m
+GOAL_X = (TRACK_POINTS - 5) * TERRAIN_STEP  # x of the goal, in m
 
 CEILING_OFFSET = 200.0  # height of the ceiling above the start, in units of the network (1 / delta m)
 GROUND_LIMIT = -1000.0  # water height at level 0, in units of the network

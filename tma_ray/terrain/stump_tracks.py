@@ -16,7 +16,7 @@ from tma_ray.terrain.terrain import (
 )
 
 TRACK_LENGTH = 200 * TERRAIN_STEP  # x by which the last stump must end, in m
-GOAL_X = 190 * TERRAIN_STEP  # in m
+GOAL_X = 190 * TERRAIN_STEP  # x of the goal, in m
 FIRST_STUMP = STARTPAD_STEPS * TERRAIN_STEP  # x where the first stump begins, in m
 
 STUMP_HEIGHT_STD = 0.1  # standard deviation of heights around the task's mean, in terrain steps

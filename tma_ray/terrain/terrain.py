@@ -10,7 +10,7 @@ GROUND_HEIGHT = 10 / 3  # height of the ground at the start, in m
 STARTPAD_STEPS = 20  # terrain steps of flat ground at the start; bodies spawn above its middle
 FRICTION = 2.5  # friction coefficient of ground, stumps and ceiling
 OVERHANG = 20.0  # length of ground and ceiling beyond both ends of the track, in m; longer than lidars reach
-DEPTH = 10.0  # depth of solids below the lowest ground and above the highest ceiling, in m
+DEPTH = 10.0  # distance that solids extend below the lowest ground and above the highest ceiling, in m
 
 FIXED, CEILING = -2, -1  # special values of `Terrain.holders`
 

@@ -30,7 +30,7 @@ def upload(values: NDArray[Any], device: torch.device) -> torch.Tensor:
     tensor = torch.from_numpy(np.ascontiguousarray(values))
     if device.type == "cpu":
         return tensor
-    return tensor.pin_memory().to(device, non_blocking=True)  # torch frees the pinned memory after the copy
+    return tensor.pin_memory().to(device, non_blocking=True)  # torch keeps pinned memory until the copy ends
 
 
 def keep_pages() -> None:
@@ -38,7 +38,7 @@ def keep_pages() -> None:
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
     if mallopt is not None:
         mallopt(_TRIM_THRESHOLD, 2**31 - 1)
-        mallopt(_MAP_THRESHOLD, 2**25)  # largest allowed value
+        mallopt(_MAP_THRESHOLD, 2**25)  # largest threshold that glibc allows
 
 
 WARM_UP = 3  # executions before the capture of a graph, to initialise libraries
@@ -133,7 +133,7 @@ _KEY_STEPS = 0x9E3779B9, 0xBB67AE85
 class Purpose(IntEnum):
     """Purpose of random numbers; each purpose has its own independent stream."""
 
-    BATCH = 0  # indices of a batch
+    BATCH = 0  # indices of the transitions in a batch
     NOISE = 1  # noise of actions in updates
 
 
@@ -162,7 +162,8 @@ def words(keys: torch.Tensor, numbers: torch.Tensor, purpose: Purpose, count: in
     """Return random words (k, count) of k runs, keyed by `keys` (k, 2) and their update `numbers` (k,)."""
     blocks = torch.arange(-(-count // 4), device=keys.device)
     low, high = (numbers & _WORD)[:, None], (numbers >> 32 & _WORD)[:, None]
-    # block numbers are the second word, since torch.compile would multiply them as 32-bit integers
+    # block numbers are the second word, which the first round does not multiply: torch.compile would
+    # multiply them as 32-bit integers
     counters = low, blocks, high, torch.full_like(low, int(purpose))
     return philox(counters, (keys[:, :1], keys[:, 1:])).flatten(1)[:, :count]
 

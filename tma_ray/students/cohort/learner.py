@@ -19,7 +19,7 @@ def batching_is_faster(device: torch.device, precision: MatmulPrecision, compile
 
 
 class StackedLearner(ABC):
-    """Learner of many runs, one per slot; each run's results are independent of the others, bit for bit.
+    """Learner of many runs, one per slot; the results of a run do not depend on the others, bit for bit.
 
     An update trains all runs with updates due, at the full width: idle slots take part in the products
     without changing. Where that does not pay, runs are updated one after the other.

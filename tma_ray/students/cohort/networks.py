@@ -20,7 +20,7 @@ class PaddedLayout(NamedTuple):
 
     plain: Layout
     padded: Layout
-    others: int = 0  # number of parameters after those of the network
+    others: int = 0  # number of additional parameters after the network's
 
     @classmethod
     def of(cls, plain: Layout, others: int = 0) -> "PaddedLayout":

@@ -41,7 +41,7 @@ class StackedPPO(StackedLearner):
     Compiling takes minutes once. `sizes` are the lengths of an observation and an action.
     """
 
-    _values: torch.Tensor  # set for a single run only: its parameters, their gradient, and the network
+    _values: torch.Tensor  # only in views of one run (`_row`): its parameters, their gradient and network
     _gradient: torch.Tensor
     _network: Network
 

@@ -56,7 +56,7 @@ class LearnerServer:
 
     Attributes:
         account: seconds spent on each part of the work, and numbers of updates.
-        turned_at: time of the last turn of the loop on the monotonic clock, s.
+        turned_at: start of the serving loop's last iteration on the monotonic clock, in s.
     """
 
     def __init__(self, learner: Learner, settings: CohortSettings) -> None:

@@ -168,7 +168,7 @@ class LearnerLink:
         return weights
 
     def learn(self, experience: tuple[Any, ...], updates: int) -> Weights | None:
-        """Send experience, wait for the `updates` due, and return new weights, or None if it is 0."""
+        """Send experience, wait for the `updates` due, and return new weights, or None if none are due."""
         weights: Weights | None
         if not has_shared_memory():
             weights = self.ask("learn", experience, updates)

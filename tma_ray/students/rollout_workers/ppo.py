@@ -109,7 +109,7 @@ class Rollout:
 
     @property
     def is_full(self) -> bool:
-        """True if all steps are stored."""
+        """True if the buffer is full."""
         return self._size == len(self.rewards)
 
     def clear(self) -> None:

@@ -97,11 +97,11 @@ def _check(hyperparameters: Any) -> None:
         raise ValueError(f"hyper-parameter exploration_deviation = {deviation}: expected 0 or more")
 
 
-MOST_PARAMETERS = 100_000_000  # limit on the number of parameters of a saved policy's model: 400 MB
+MOST_PARAMETERS = 100_000_000  # largest number of parameters of a saved policy's model (400 MB)
 
 
 class SpacesOnly(gymnasium.Env[Any, Any]):
-    """Placeholder environment that only provides a model with its spaces."""
+    """Placeholder environment that only provides spaces to a model."""
 
     def __init__(self, observation_space: spaces.Box, action_space: spaces.Box) -> None:
         self.observation_space = observation_space
