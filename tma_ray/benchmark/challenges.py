@@ -56,7 +56,7 @@ class Challenge:
     cuts: int = 0
 
     def test_set_of(self, body_type: str) -> str:
-        """Return the name of the test set for bodies of `body_type`, as in "swimmer"."""
+        """Return the name of the test set for bodies of `body_type`, such as "swimmer"."""
         return self.other_test_sets.get(body_type, self.test_set)
 
 

@@ -14,7 +14,7 @@ from tma_ray.tasks import KnowledgeLevel
 
 @dataclass(frozen=True)
 class Reading:
-    """Mastered tasks of one teacher on one challenge, pooled over bodies and students.
+    """Percentage of tasks mastered with one teacher on one challenge, pooled over bodies and students.
 
     Attributes:
         level: level of expert knowledge.

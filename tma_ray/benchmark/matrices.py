@@ -152,7 +152,7 @@ MATRICES: tuple[Matrix, ...] = (ORIGINAL_SPACE, *STUMP_TRACKS_CHALLENGES, *PARKO
 
 
 def _case(study: str, challenge: str, *teachers: str) -> Matrix:
-    """Return a matrix of some teachers that shares its runs with the benchmark."""
+    """Return a case study's matrix for `teachers`; it shares its runs with the full benchmark."""
     return Matrix(f"{study}_{challenge}", "stump_tracks", challenge, teachers=teachers)
 
 

@@ -38,7 +38,7 @@ from tma_ray.support.texts import counted, estimated_duration, hours_text, size_
 SpeedKey = tuple[Any, ...]
 """Properties of a run that determine its speed: environment with options and files, and student."""
 
-DEFAULT_BODY: Final = "classic_bipedal"  # body whose speeds stand for those of bodies missing from the table
+DEFAULT_BODY: Final = "classic_bipedal"  # body whose speeds are used for bodies that the table lacks
 REFERENCE_ROUNDS: Final = 247.0  # `machine_speed` of the machine on which the table was measured
 
 LEARNER_SPEEDS: Final = {
@@ -59,7 +59,7 @@ PLAYER_SPEEDS: Final = 30_000.0, 20_000.0
 MEASURED_SECONDS = 0.6
 """Shortest measurement, s, after a warm-up of half that time."""
 
-MACHINE_SECONDS: Final = 0.4  # time that `machine_speed` takes, s
+MACHINE_SECONDS: Final = 0.4  # processor time over which `machine_speed` measures, s
 
 SMALLER: Final = {"exploration_steps": 1_000, "learning_starts": 1_000, "buffer_size": 50_000}
 """Upper limits on students' hyper-parameters during a measurement."""
@@ -161,7 +161,7 @@ def measured_speeds(
     if not examples:
         return {}
     alone = config
-    if config.width or not is_available(config.device):  # neither can be measured here
+    if config.width or not is_available(config.device):  # cannot be measured here
         alone = replace(config, device="cpu", cohort=0, resources=replace(config.resources, gpus=0))
     specs = list(examples.values())
     request = pickle.dumps(([spec.to_dict() for spec in specs], alone, contents(specs), sys.path))
@@ -271,12 +271,12 @@ def _shared(alone: Throughput, spec: RunSpec, config: ExecutionConfig) -> Throug
     return replace(alone, training=PLAYER_SPEEDS[0], playing=PLAYER_SPEEDS[1], learner=learner)
 
 
-TEST_STEPS = 1_000  # assumed length of test episodes in steps, half of the maximum
+TEST_STEPS = 1_000  # assumed length of test episodes, half the step limit
 
 START_SECONDS = 8.0
 """Core time of a run's processes before the first step and after the last, s (measured)."""
 
-RUN_BYTES = 600_000  # size on disk of a run's policy and nearly empty tables (measured)
+RUN_BYTES = 600_000  # size on disk of a run's policy and nearly empty tables, bytes (measured)
 
 EVALUATION_BYTES, PROBE_BYTES, STEP_BYTES = 12, 8, 0.04
 """Size on disk of each test episode, each probed task and each training step, bytes."""
@@ -284,7 +284,7 @@ EVALUATION_BYTES, PROBE_BYTES, STEP_BYTES = 12, 8, 0.04
 PROCESS_BYTES, PLAYER_BYTES = 0.9 * GIB, 0.5 * GIB
 """Memory of a run with its teacher and of a run in a cohort, without replay buffers, bytes (measured)."""
 
-NETWORK_BYTES = 5e6  # size of a run's two checkpoints without a replay buffer (measured)
+NETWORK_BYTES = 5e6  # size of a run's two checkpoints without a replay buffer, bytes (measured)
 
 BUFFER_SHARE = 1.3
 """Size of both checkpoints as a multiple of the replay buffer's (measured)."""

@@ -254,7 +254,7 @@ class CellOptions:
     test_set: Annotated[str | None, value(named("the name of a test set"), "NAME", **WHAT)] = None
 
     def environment_name(self, name: str) -> str:
-        """Return an environment's name with these options."""
+        """Return the name of an environment with these options appended."""
         return name + "".join(join_name("", {key: text}) for key, text in self.environment_option)
 
 
@@ -469,12 +469,12 @@ EXPERIMENT_DEFAULTS = EXECUTION_DEFAULTS | {
 
 
 def schedule_defaults(schedule: Schedule) -> dict[str, str]:
-    """Return a schedule's values by option, as defaults in a help text."""
+    """Return a schedule's values by option, to be shown as defaults in a help text."""
     return {flag(name): f"{getattr(schedule, name):,}" for name in SCHEDULE}
 
 
 def campaign_defaults(campaign: CampaignSpec) -> dict[str, str]:
-    """Return a campaign's values by option, as defaults in a help text."""
+    """Return a campaign's values by option, to be shown as defaults in a help text."""
     options = ("teachers", "students", "challenges", "embodiments", "expert_knowledge", "environment")
     defaults = {}
     for name in options:

@@ -52,7 +52,7 @@ class Plan:
         return longest
 
     def describe(self) -> str:
-        """Return the size of the campaign in one sentence."""
+        """Describe the size of the campaign in one sentence."""
         shared = len(self.cell_rows) - len(self.runs)
         sharing = f" ({shared} more cells share them)" if shared > 0 else ""
         return (

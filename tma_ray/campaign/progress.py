@@ -388,7 +388,7 @@ def _grid(groups: dict[str, list[RunState]]) -> Grid:
 
 
 def _failures(root: str | Path, runs: Sequence[RunState]) -> Iterator[str]:
-    """Yield lines with the distinct errors, most frequent first, then commands to inspect and rerun them."""
+    """Yield lines with the distinct errors, most frequent first, then commands to inspect and rerun runs."""
     kinds: dict[str, list[str]] = {}
     for run in runs:
         if run.state == RunStatus.FAILED:

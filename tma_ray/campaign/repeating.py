@@ -145,7 +145,7 @@ def _settings(released: Results, core: Collection[str]) -> list[_Setting]:
 
 
 def _runs(setting: _Setting, teacher: str, released: Results) -> Iterator[tuple[RunSpec, dict[str, Any]]]:
-    """Yield the spec of a run with `teacher` for each seed, and its row in the table of cells.
+    """Yield, for each seed, the spec of the run with `teacher` and the run's row in the table of cells.
 
     Raises:
         ValueError: if the specs differ from the release's in more than the teacher.

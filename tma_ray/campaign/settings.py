@@ -160,7 +160,7 @@ class ExecutionConfig:
 
     @property
     def width(self) -> int:
-        """Slots of each cohort; 0 if every run learns alone."""
+        """Number of slots of each cohort; 0 if every run learns alone."""
         if self.cohort is not None:
             return self.cohort
         shared = self.device.partition(":")[0] == "cuda" and not self.resources.gpus
@@ -173,7 +173,7 @@ class ExecutionConfig:
 
     @property
     def max_queued(self) -> int:
-        """Runs submitted beyond the nodes' capacity, as demand for an autoscaler."""
+        """Number of runs to submit beyond the nodes' capacity, as demand for an autoscaler."""
         return AUTOSCALING_QUEUE if self.autoscaling else 1
 
     @property

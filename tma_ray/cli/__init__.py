@@ -1,4 +1,4 @@
-"""The command `tma-ray`, which imports its subcommands on use."""
+"""The command `tma-ray`, which imports each subcommand on first use."""
 
 import gc
 import sys
@@ -68,7 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def app() -> App:
-    """Return the command-line app, which imports commands on use."""
+    """Return the command-line app, which imports each command on first use."""
     root = command_line.group(
         "tma-ray",
         "Compare automatic curriculum learning teachers of deep RL students.",

@@ -59,7 +59,7 @@ def report(
     shown = list(_videos(sources, folder / "videos")) if videos else []
     print(write_report(sources, folder, shown, RELOAD_SECONDS if watch else 0), flush=True)
     if latex:
-        from analysis.commands.paper import write_latex  # imports matplotlib, which takes a while
+        from analysis.commands.paper import write_latex  # imported late, since it imports matplotlib
 
         written = write_latex(sources, folder / "latex")
         _warn(written.warnings)

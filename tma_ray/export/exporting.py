@@ -81,7 +81,7 @@ def export(
             saved.load(*box_spaces(environment))  # raises an error if the policy does not fit
             difference = _write_onnx(saved, environment, folder) if onnx else None
             if playground:
-                from tma_ray.playground.page import policy_page  # deferred: needs the compiled engine
+                from tma_ray.playground.page import policy_page  # late, since it imports the compiled engine
 
                 (folder / PLAYGROUND_FILE).write_text(policy_page(saved, results), encoding="utf-8")
             history = history_of(saved, results)

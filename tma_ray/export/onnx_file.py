@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 ONNX_FILE: Final = "policy.onnx"
 
 COMPARED: Final = 256  # number of random observations on which model and policy are compared
-OPSET: Final = 20  # version of ONNX's operator set: the first with GELU
+OPSET: Final = 20  # version of ONNX's operator set (opset): the first with GELU
 INPUT, OUTPUT = "observations", "actions"  # names of the graph's input and output
 TOLERANCE: Final = 1e-4  # largest accepted difference between actions, as a share of their ranges
 

@@ -21,7 +21,7 @@ from tma_ray.results.verification import Inspector
 from tma_ray.support.decoding import DamagedFileError
 
 TEMPORARY_SECONDS: Final = 3600.0  # age after which temporary files count as leftovers, s
-ATTEMPT: Final = re.compile(r"attempt-(\d{1,9})")  # matches an attempt's number in its file names
+ATTEMPT: Final = re.compile(r"attempt-(\d{1,9})")  # pattern of an attempt's number in file names
 
 logger = logging.getLogger(__name__)
 
@@ -57,7 +57,7 @@ def _readable(store: Store, run_id: str) -> Manifest | None:
         return None
 
 
-WITHDRAWN: Final = b"null"  # record of an attempt that never began
+WITHDRAWN: Final = b"null"  # content of the record of a withdrawn attempt
 
 
 def write_progress(store: Store, record: AttemptRecord) -> None:
@@ -225,7 +225,7 @@ class Committer:
         self.record_attempt(record)
 
     def _record_done(self, run_id: str, attempt: int) -> None:
-        """Write the row of the attempt that finished a run, unless it exists.
+        """Write the row of the attempt that finished a run, unless the row exists.
 
         The attempt's driver may die before writing it.
         """

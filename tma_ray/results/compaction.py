@@ -98,7 +98,7 @@ def pack(
     tick: Callable[[], None],
     options: CopyOptions = WHOLE,
 ) -> list[Manifest]:
-    """Merge the rows of some runs into one verified file per table, and return their new manifests.
+    """Merge the rows of some runs into one verified file per table, and return the runs' new manifests.
 
     Args:
         results: root of the runs.
@@ -211,7 +211,7 @@ class Journal:
             return store.read_json(JOURNAL, cls)
         except FileNotFoundError:
             return cls()
-        except DamagedFileError as error:  # the files stay, but readers do not use them
+        except DamagedFileError as error:  # files to delete then stay, but no reader uses them
             warnings.warn(str(error), DamagedFileWarning, stacklevel=2)
             return cls()
 

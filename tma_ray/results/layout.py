@@ -163,7 +163,7 @@ def staging_folder(run_id: str) -> str:
 
 
 def part_path(run_id: str, attempt: int, part: int, table: Table) -> str:
-    """Return the path of one part of an attempt."""
+    """Return the path of a table's rows in one part of an attempt."""
     return f"{staging_folder(run_id)}/attempt-{attempt:03d}/part-{part:05d}/{table}.parquet"
 
 

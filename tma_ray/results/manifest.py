@@ -29,7 +29,7 @@ from tma_ray.support.decoding import (
     decode_json,
 )
 
-MOST_RUN_ROWS: Final = 50_000_000  # largest number of rows of a run in a table; more indicate damage
+MOST_RUN_ROWS: Final = 50_000_000  # largest number of rows of a run in a table; a larger one indicates damage
 
 
 def read_checked(store: Store, path: str, sha256: str) -> bytes:
@@ -184,7 +184,7 @@ def read_index(store: Store, text: str = "") -> Iterator[tuple[str, Manifest | E
 
 
 UNREADABLE: Final = (OSError, pa.ArrowException, DamagedFileError)  # errors raised on reading a damaged file
-MOST_SLICES: Final = 8  # for more runs, a shared file is read whole instead of by row groups
+MOST_SLICES: Final = 8  # largest number of runs to read by row group; for more, a shared file is read whole
 
 
 def read_slice(store: Store, file: PartFile, columns: Sequence[str]) -> pa.Table:

@@ -114,7 +114,7 @@ def _unsigned(data: bytes, offset: int) -> tuple[int, int]:
             return value, offset
 
 
-ROW_GROUP_ROWS: Final = 1 << 17  # a few megabytes of episodes
+ROW_GROUP_ROWS: Final = 1 << 17  # rows per row group: a few megabytes of episodes
 
 MOST_TABLE_ROWS: Final = {
     table: 2_000_000 if table in (Table.RUNS, Table.ATTEMPTS, Table.CELLS) else 500_000_000 for table in Table

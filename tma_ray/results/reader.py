@@ -99,7 +99,7 @@ class Results:
 
     @classmethod
     def open(cls, uri: str | Path) -> Self:
-        """Return the results at a folder or URI."""
+        """Open the results root at a folder or URI."""
         return cls(Store.open(uri))
 
     def runs(self) -> tuple[Manifest, ...]:

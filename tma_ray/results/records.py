@@ -65,7 +65,7 @@ class AttemptOutcome(StrEnum):
 
 @dataclass(frozen=True)
 class AttemptRecord:
-    """One attempt at a run.
+    """Record of one attempt at a run.
 
     Attributes:
         attempt: number of the attempt, from 0.

@@ -185,7 +185,7 @@ def damage_reason(error: Exception, where: str) -> str:
     return str(error).removeprefix(f"{where} is damaged: ")
 
 
-SPEC_FILE: Final = "spec.json"  # spec of the run, beside every saved policy
+SPEC_FILE: Final = "spec.json"  # file with the run's spec, beside every saved policy
 
 
 @dataclass(frozen=True)

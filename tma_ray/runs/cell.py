@@ -127,7 +127,7 @@ def bounded(space: TaskSpace, bounds: Bounds) -> TaskSpace:
 
 
 def canonical_challenge(name: str, space: TaskSpace, chosen: TaskSpace) -> str:
-    """Return a challenge's name with those bounds of `chosen` that differ from its own task space."""
+    """Return a challenge's name with those bounds of `chosen` that differ from the challenge's `space`."""
     pairs = zip(space.dimensions, chosen.dimensions, strict=True)
     differing = {
         new.name: f"{text_of(float(new.low))}{BOUNDS_SEPARATOR}{text_of(float(new.high))}"

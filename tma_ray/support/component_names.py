@@ -16,7 +16,7 @@ from typing import Any
 from urllib.parse import unquote
 
 _SETTINGS = re.compile(r"(:\w+=[^:=]*)+$")  # settings at the end of a name
-_FILE = re.compile(r"\.py:(\w+)$")  # end of a plug-in's name with a file name, as in module.py:Name
+_FILE = re.compile(r"\.py:(\w+)$")  # end of a plug-in's name given with a file name, as in module.py:Name
 LIST_SEPARATOR = "x"  # separates list entries, since commas separate names
 
 ESCAPES = str.maketrans({character: f"%{ord(character):02X}" for character in ":=,%"})

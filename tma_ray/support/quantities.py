@@ -7,7 +7,7 @@ from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, Final
 
-MOST_SHOWN_CHARS: Final = 60  # number of characters of a rejected text that a message shows
+MOST_SHOWN_CHARS: Final = 60  # largest number of characters of a rejected string that a message shows
 
 _NUMBER: Final = re.compile(r"(-?\d+(?:_\d+)*(?:\.\d+)?(?:[eE][+-]?\d{1,3})?)([A-Za-z]*)", re.ASCII)
 _FACTORS: Final = {"": 1, "k": 1_000, "K": 1_000, "M": 1_000_000}

@@ -59,7 +59,7 @@ def _kinds_of_fields(record: type) -> dict[str, tuple[tuple[type, ...], str]]:
 
 
 def check_sequence(name: str, value: object) -> None:
-    """Raise a TypeError if `value` is a single string or not iterable, where a list is expected."""
+    """Raise a TypeError if `value` is a single string or is not iterable."""
     if isinstance(value, str) or not isinstance(value, Iterable):
         raise TypeError(f"{name} = {value!r:.60}: expected several, as in [{value!r:.60}]")
 

@@ -313,7 +313,7 @@ def check_quickly(name: str) -> None:
 
 
 def global_state() -> dict[str, Any]:
-    """Return the random states and settings shared in a process, including torch's if it is imported."""
+    """Return the process-wide random states and settings, including torch's if torch is imported."""
     state: dict[str, Any] = {
         "random": random.getstate(),
         "numpy.random": pickle.dumps(np.random.get_state()),  # noqa: NPY002 - compared, not used

@@ -83,7 +83,7 @@ class LocalRayWatch:
                     self._closed.add(process)
 
     def failure_reason(self, patience: float = 0.0) -> str | None:  # noqa: ARG002  # losses are seen at once
-        """Return a message that lists the lost core processes, or None; see `Watched`."""
+        """Return a message that lists the lost core processes, or None if none is lost; see `Watched`."""
         if time.monotonic() - self._refreshed_at >= HEAD_CHECK_SECONDS:
             self.refresh()
         core = list(self._core.items())  # a copy, since another thread may call `refresh`

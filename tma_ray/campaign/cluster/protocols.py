@@ -14,7 +14,7 @@ class Watched(Protocol):
     """Ray cluster whose head is monitored while a campaign runs."""
 
     def failure_reason(self, patience: float) -> str | None:
-        """Return why the head counts as lost, or None; silence counts only after `patience` seconds."""
+        """Return the reason why the head counts as lost, or None; silence counts after `patience` seconds."""
 
     def kill(self) -> None:
         """Kill Ray's remaining processes if this process started Ray, without calling Ray."""

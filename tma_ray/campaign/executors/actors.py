@@ -29,7 +29,7 @@ from tma_ray.students import Learner
 from tma_ray.students.rollout_workers import CohortSettings
 from tma_ray.support.import_hacks import skip_pandas
 
-NODE_LABEL = "ray.io/node-id"  # label that Ray gives to every node
+NODE_LABEL = "ray.io/node-id"  # label with a node's id, set by Ray
 
 
 def node_strategy(node: str, avoid: Sequence[str] = ()) -> Any:
@@ -269,14 +269,14 @@ class LearnerActor:
             self._listens.set()
             self._server.serve(lambda: False)
         except Exception as error:
-            from torch import OutOfMemoryError  # the driver cannot unpickle it without torch
+            from torch import OutOfMemoryError  # converted, since the driver cannot unpickle it without torch
 
             out_of_memory = isinstance(error, (MemoryError, OutOfMemoryError))
             self._failure = MemoryError(str(error).partition("\n")[0]) if out_of_memory else error
 
 
 def wait_for_end(thread: threading.Thread, turned_at: Callable[[], float | None]) -> None:
-    """Wait for a learner's thread to end; `turned_at` returns the time of its last update in seconds.
+    """Wait until a learner's thread ends; `turned_at` returns the `time.monotonic` of its last update.
 
     Raises:
         TimeoutError: if an update takes longer than `LONGEST_TURN`.

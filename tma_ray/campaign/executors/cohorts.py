@@ -63,7 +63,7 @@ def stack_keys(specs: Sequence[RunSpec]) -> dict[str, StackKey]:
 
 
 PROCESS_GIB = {"cpu": 1.0, "cuda": 4.0}  # memory of a learner's process without its replay buffers, GiB
-ROW_BYTES = 4.2  # bytes per stored number of a transition; each observation is stored once
+ROW_BYTES = 4.2  # bytes per number stored for a transition, each observation being stored only once
 
 
 def learner_resources(
@@ -194,7 +194,7 @@ class Cohorts:
         return None
 
     def learner_of(self, run_id: str) -> tuple[Learner | None, str]:
-        """Return the learner of a run from `take`, and the Ray id of the learner's node."""
+        """Return the learner of a run that `take` returned, and the Ray id of the learner's node."""
         return next((cohort.learner, cohort.node) for cohort in self._cohorts if run_id in cohort.runs)
 
     def leave(self, run_id: str) -> None:
@@ -267,7 +267,7 @@ class Cohorts:
         cohort.report = cohort.actor.report.remote()
 
     def _lives(self, cohort: _Cohort) -> bool:
-        """Return True unless a learner has ended or has been silent for too long; then log the reason."""
+        """Return False, after logging the reason, if a learner has ended or has been silent for too long."""
         if not _is_ready(cohort.ended):
             if cohort.unanswered < self._settings.unreachable_seconds:
                 return True

@@ -156,7 +156,7 @@ class RayExecutor:
             ending = self._loss(running, error)
         except (RayActorError, ActorUnschedulableError, *LOSSES) as error:
             ending = self._loss(running, error)
-        except RayTaskError as error:  # its text contains colour codes
+        except RayTaskError as error:  # the error's text contains colour codes
             ending = AttemptEnd(running.run_id, AttemptOutcome.FAILED, reason=visible(str(error)))
         else:
             with suppress(RayActorError, GetTimeoutError):  # keep the previous report

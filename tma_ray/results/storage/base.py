@@ -289,7 +289,7 @@ def opened_ranges(fetch: Callable[[int, int], bytes], size: int) -> pa.PythonFil
 
 
 def growing_pause(failures: int, longest: float) -> float:
-    """Return the pause after a number of failures: exponential backoff up to `longest`, s."""
+    """Return the pause, in seconds, after a number of failures: exponential backoff up to `longest`."""
     return min(FIRST_PAUSE * 2.0 ** min(failures - 1, 60), longest)
 
 

@@ -306,7 +306,7 @@ def _profile(name: str) -> dict[str, str]:
 
 def _keys(profile: Mapping[str, str]) -> dict[str, Any]:
     """Return the keys of a profile for obstore, with their expiry."""
-    expires: Any = datetime.now(UTC) + timedelta(minutes=5)  # then the files are read again
+    expires: Any = datetime.now(UTC) + timedelta(minutes=5)  # after which the files are read again
     if "aws_access_key_id" in profile:
         names = "aws_access_key_id", "aws_secret_access_key", "aws_session_token"
         key, secret, token = (profile.get(name) for name in names)
