@@ -99,7 +99,7 @@ def with_settings(name: str, settings: Mapping[str, str]) -> str:
 
 @cache
 def challenge_title(environment: str, challenge: str, otherwise: str | None = None) -> str:
-    """Return a benchmark challenge's title with settings, or for any other `otherwise` or both names.
+    """Return the title of a benchmark challenge with its settings; else `otherwise`, or both names if None.
 
     Examples:
         >>> challenge_title("parkour:swinging_creepers=true", "easy", "")

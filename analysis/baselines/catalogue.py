@@ -1,4 +1,4 @@
-"""Baselines by name or location, their manifests, and reading of several sources as one."""
+"""Lookup of baselines by name or location, their manifests, and joint reading of several sources."""
 
 import hashlib
 import json
@@ -252,7 +252,7 @@ def newest_release() -> Baseline:
 
 
 def find_baseline(name: str | Path) -> Baseline:
-    """Return the baseline with a name, folder or address.
+    """Return the baseline with the given name, folder or address.
 
     Raises:
         BaselineError: if there is none, or several have the name.
@@ -277,7 +277,7 @@ def find_baseline(name: str | Path) -> Baseline:
 
 
 def as_baseline(root: str | Path) -> Baseline | None:
-    """Return the baseline with a name, folder or address, or None if it is a results root.
+    """Return the baseline with the given name, folder or address, or None if `root` is a results root.
 
     Raises:
         BaselineError: if the baseline is damaged.

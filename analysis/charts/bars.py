@@ -202,7 +202,7 @@ def _notes(panels: Sequence[PanelResults], brackets: bool) -> Iterator[str]:
 
 
 def compact_letter_display(names: Sequence[str], different: Iterable[Pair]) -> dict[str, list[int]]:
-    """Return a compact letter display: names share a letter exactly if they do not differ significantly.
+    """Return a compact letter display: names share a letter if and only if not significantly different.
 
     Piepho's insert-and-absorb algorithm (Journal of Computational and Graphical Statistics 13, 2004) needs no
     order among names, so it is exact for tests with unequal variances, which are not transitive.

@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 
 
 class AxisKind(StrEnum):
-    """Quantity shown on an axis."""
+    """Kind of quantity shown on an axis."""
 
     NUMBER = "number"
     STEPS = "steps"
@@ -94,8 +94,8 @@ class Mark:
 
     look: TeacherStyle = PLAIN  # colour, marker and dashes
     name: str = ""  # legend entry; empty for no entry
-    teacher: str = ""  # teacher of the mark, used by pages to hide it; empty for none
-    comparison: str = ""  # anchor of the mark's comparison, used by pages to hide it; empty for none
+    teacher: str = ""  # teacher by which pages hide the mark; empty for none
+    comparison: str = ""  # anchor of the comparison by which pages hide the mark; empty for none
     texts: Sequence[str] = ()  # text of each point, or a single text for all points
     hover: str = ""  # template of the hover text, such as ``{x}, {y:.1f}, {value}, {text}``
     svg_id: str = ""  # identifier in SVG files; empty for none

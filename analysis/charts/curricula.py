@@ -40,7 +40,7 @@ Run = TypeVar("Run")
 
 
 class Shot(NamedTuple):
-    """Row of a film strip: a run, named by its teacher or its seed."""
+    """Run shown as a row of a film strip, named by its teacher or its seed."""
 
     name: str
     teacher: str

@@ -319,7 +319,7 @@ def budget_chart(
 BOUNDARY, BAND = TeacherStyle(INK, "", (0, (4, 2))), TeacherStyle(MUTED, "", "-")
 """Styles of boundaries and of the margin."""
 
-ROOM = 1.4  # vertical limit as a multiple of the largest value, margin or (after look 1) boundary
+ROOM = 1.4  # limit of the vertical axis as a multiple of the largest value, margin or (after look 1) boundary
 
 
 def course_chart(
@@ -328,7 +328,7 @@ def course_chart(
     margins: Mapping[str, float],
     name: str = "course",
 ) -> base.Chart:
-    """Return a chart with a panel per comparison: differences with intervals by look, boundaries, margin.
+    """Return a chart of a trial with a panel per comparison: differences by look, boundaries and margin.
 
     Args:
         courses: rows from `trials.interim.course` by measure and reference, with a row of panels per measure.

@@ -44,7 +44,7 @@ Trace: TypeAlias = dict[str, Any]  # trace of plotly.js
 
 @dataclass(frozen=True, eq=False)
 class Plot:
-    """Panel of a chart as plain data for plotly.js, since plotly's own classes are slow to validate."""
+    """Panel of a chart as plain data for plotly.js, which avoids the slow validation of plotly's classes."""
 
     name: str  # identifier on the page, and file name of saved pictures
     title: str  # title of the chart

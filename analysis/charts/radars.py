@@ -24,8 +24,8 @@ class Ratios(NamedTuple):
     """Results at one level of expert knowledge, as ratios to Random's results."""
 
     ratios: dict[str, list[float]]  # by teacher and axis; infinite if Random alone is at 0
-    shares: dict[tuple[str, int], float]  # share of the best result, for infinite ratios
-    upper: list[float]  # best result on the original space / Random's, by axis; NaN if not comparable
+    shares: dict[tuple[str, int], float]  # results as shares of the best, for infinite ratios
+    upper: list[float]  # ratio of the original space's best result, by axis; NaN if not comparable
     differ: dict[tuple[str, int], float]  # significant differences from Random, by teacher and axis
     doubts: set[tuple[str, int]]  # teacher and axis of published results that are in doubt
     missing: list[str]  # sentences about results that are not drawn

@@ -162,7 +162,7 @@ def probed_tasks(
 
 
 def _animated(marks: Mapping[int, list[base.Mark]], view: TaskView, name: str, teacher: str) -> base.Panel:
-    """Return a panel of a teacher's marks animated over steps, initially at the last one."""
+    """Return a panel of a teacher's marks animated over steps, initially showing the last step."""
 
     def at(step: int) -> base.Panel:
         return base.Panel(*view.scales(), marks[step], name, teacher=teacher)

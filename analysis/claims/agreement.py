@@ -108,7 +108,7 @@ def _rankings(root: RootSource) -> Iterator[tuple[Reading, tuple[KnowledgeLevel,
 
 
 def draws_of_runs(strata: Sequence[pd.Series], rng: np.random.Generator) -> Floats:
-    """Return bootstrap draws (n,) of the equally weighted mean over strata, NaN if one has a single run.
+    """Return bootstrap draws (n,) of the equally weighted mean over strata, NaN if any has a single run.
 
     Runs are drawn within strata, and deviations scaled by the root of n / (n - 1), which corrects the
     bootstrap's variance for few runs.
@@ -124,7 +124,7 @@ def draws_of_runs(strata: Sequence[pd.Series], rng: np.random.Generator) -> Floa
 
 
 def draws_of_entries(entries: Sequence[Description], rng: np.random.Generator) -> Floats:
-    """Return normal draws (n,) of the mean of the paper's entries."""
+    """Draw means (n,) of the paper's entries from a normal distribution."""
     mean = float(np.mean([entry.mean for entry in entries]))
     error = math.sqrt(sum(entry.standard_error**2 for entry in entries)) / len(entries)
     return mean + error * rng.standard_normal(BOOTSTRAP_DRAWS)

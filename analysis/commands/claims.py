@@ -1,4 +1,4 @@
-"""Claims of the paper in the terminal, tested against results."""
+"""Verdicts on the paper's claims in the terminal."""
 
 from collections import Counter
 from collections.abc import Iterator

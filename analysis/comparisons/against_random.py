@@ -46,7 +46,7 @@ class AgainstRandom:
     """Comparison of a teacher with Random over all challenges on which both have results."""
 
     teacher: str  # name of the teacher
-    newcomer: bool  # True if the teacher is not in the core, and is tested alone
+    newcomer: bool  # True if the teacher is not in the core, and therefore tested alone
     across: Mapping[str, Any]  # conditions: values of `ACROSS`
     challenges: int  # number of challenges
     fewest: int  # minimum number of runs of either teacher on a challenge

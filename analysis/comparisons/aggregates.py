@@ -127,7 +127,7 @@ def stratified_means(runs: pd.DataFrame, measure: str, within: Sequence[str] = A
 
 
 def _clusters(sample: Mapping[str, pd.Series], seeds: Seeds) -> Seeds | None:
-    """Return `seeds` as clusters for resampling if the runs of the sample are paired by seed, else None."""
+    """Return `seeds` as the clusters of a sample if its runs are paired by seed, else None."""
     return seeds if are_paired(list(sample.values()), seeds) else None
 
 

@@ -330,7 +330,7 @@ def _check_reference(reference: str | None, table: pd.DataFrame) -> None:
 def stratified_runs(
     runs: pd.DataFrame, measure: str, by: Sequence[str], strata: Sequence[str]
 ) -> pd.DataFrame:
-    """Return runs with their strata: `by`, run_id, measure, challenge_number, stratum, stratum_name.
+    """Return runs with the columns `by`, run_id, `measure`, challenge_number, stratum and stratum_name.
 
     Strata, given by the columns `strata`, are numbered once rather than in each of hundreds of groups. A run
     with the measure counts once in each group. Columns members, core and step are kept.

@@ -1,4 +1,4 @@
-"""Power analysis of experiments: detectable differences, and numbers of runs to compare with Random."""
+"""Power analysis of experiments: detectable differences, and runs needed to tell teachers from Random."""
 
 import math
 from collections.abc import Collection, Hashable, Mapping, Sequence
@@ -74,7 +74,7 @@ def _lite_students(name: str) -> frozenset[str]:
 
 @cache
 def _lite_deviations(name: str) -> dict[Hashable, list[float]]:
-    """Return, by challenge, the standard deviations of those of a release's teachers that have most seeds.
+    """Return, by challenge, the standard deviations of the release's teachers with the most seeds.
 
     Challenges on which no teacher masters `FLOOR` % are missing.
     """

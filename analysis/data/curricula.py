@@ -108,14 +108,14 @@ def boxes_of(update: pd.Series) -> list[dict[str, Any]]:
 
 
 def curriculum_of(frames: Frames, run: pd.Series) -> RunCurriculum:
-    """Return the curriculum of one run, a row of `Frames.cells`."""
+    """Return the curriculum of one run (a row of `Frames.cells`)."""
     check_type("run", run, pd.Series, "a row of frames.cells")
     (curriculum,) = curricula_of_runs(frames, [run])
     return curriculum
 
 
 def curricula_of_runs(frames: Frames, runs: Sequence[pd.Series]) -> list[RunCurriculum]:
-    """Return the curricula of several runs, rows of `Frames.cells`, read in one pass."""
+    """Read the curricula of several runs (rows of `Frames.cells`) in one pass."""
     run_ids = [run["run_id"] for run in runs]
     episodes, probes, updates = (
         frames.of_runs(table, run_ids) for table in (Table.EPISODES, Table.CURRICULUM, Table.TEACHER_LOG)

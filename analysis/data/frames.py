@@ -124,11 +124,11 @@ class Frames:
         return rows[np.isfinite(rows["episodic_return"].astype(float))]
 
     def episodes(self, run_id: str) -> pd.DataFrame:
-        """Return the training episodes of one run, tasks as float32 (d,)."""
+        """Return the training episodes of one run, with tasks as float32 (d,)."""
         return self.of_runs(Table.EPISODES, [run_id])[run_id]
 
     def curriculum(self, run_id: str) -> pd.DataFrame:
-        """Return the probed tasks of one run, tasks as float32 (d,)."""
+        """Return the probed tasks of one run, as float32 (d,) each."""
         return self.of_runs(Table.CURRICULUM, [run_id])[run_id]
 
     def teacher_log(self, run_id: str) -> pd.DataFrame:
@@ -136,7 +136,7 @@ class Frames:
         return self.of_runs(Table.TEACHER_LOG, [run_id])[run_id]
 
     def of_runs(self, table: Table, run_ids: Sequence[str]) -> dict[str, pd.DataFrame]:
-        """Return the rows of a long table by run id, with the columns `OF_ONE_RUN`, read in one pass."""
+        """Read the rows of a long table in one pass, and return their columns `OF_ONE_RUN` by run id."""
         columns = OF_ONE_RUN[table]
         rows = self._rows(table, ["run_id", *columns], run_ids)
         indices, rows = positions(rows["run_id"]), rows[columns]
@@ -213,7 +213,7 @@ def read_table(
 
 
 def check_columns(name: str, table: object, columns: Sequence[str]) -> None:
-    """Check that the argument `name` is a table with these columns.
+    """Check that the argument `name` is a table with the given columns.
 
     Raises:
         TypeError: if it is not a table, or `columns` is a single string.
@@ -272,7 +272,7 @@ def named_runs(run_ids: pd.Series) -> str:
 
 @contextmanager
 def object_strings() -> Iterator[None]:
-    """Context manager in which pandas stores strings as objects, a third faster than as Arrow strings."""
+    """Context manager that makes pandas store strings as objects, a third faster than Arrow strings."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)
         try:

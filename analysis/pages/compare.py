@@ -263,7 +263,7 @@ def _radar(
 ) -> Iterator[Picture]:
     try:
         figure = draw(radar(table, tests))
-    except ValueError:  # fewer than three challenges, or no results yet
+    except ValueError:  # no results on challenges of Stump Tracks, or none yet
         return
     yield Picture.of(name, figure, title, caption)
 

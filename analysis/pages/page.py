@@ -1,4 +1,4 @@
-"""Common parts of pages: templates, controls, and the section over all challenges."""
+"""Common parts of pages: templates, controls, and the section about all challenges."""
 
 import base64
 from collections.abc import Collection, Iterable, Mapping

@@ -31,7 +31,7 @@ Floats: TypeAlias = NDArray[np.float64]
 
 
 def interquartile_mean_of(sample: Strata, clusters: Clusters | None = None) -> Estimate:
-    """Return the interquartile mean of the runs of all strata, each with the same weight.
+    """Return the interquartile mean of the runs of all strata, weighting runs equally.
 
     The interval is the wider one of two: Tukey and McLaughlin's (1963), with the winsorised variance within
     strata and Satterthwaite's degrees of freedom over them, and that of the untrimmed mean, since winsorised

@@ -65,7 +65,7 @@ class RunEvents:
         self._counts: dict[Table, int] = {}  # points written so far, by table
         self._writer: Any = None  # writer of the current file
         self._opened = 0  # number of files opened, to distinguish files created in the same second
-        self._cleared = False  # True if earlier files were emptied, until the next one is opened
+        self._cleared = False  # True after emptying earlier files, until the next one is opened
 
     def append(self, points: Mapping[Table, Sequence[Point]]) -> bool:
         """Write the new points, or all points if some were withdrawn, and return True if any were written."""

@@ -25,7 +25,7 @@ Floats = NDArray[np.float64]
 
 
 def spent(fraction: float, error: float) -> float:
-    """Return the part of the one-sided `error` that is spent by a fraction of the information.
+    """Return the part of the one-sided `error` that is spent up to a fraction of the information.
 
     Lan and DeMets' (1983) O'Brien-Fleming-type function: 2 - 2 Phi(z(1 - error / 2) / sqrt(fraction)).
     """

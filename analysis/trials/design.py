@@ -96,7 +96,7 @@ class Design:
     seeds: tuple[int, ...]  # seeds of the new teacher, disjoint from those of the references
     margin: float = AREA_MARGIN  # equivalence margin of `HEADLINE`, in points; see `margin_of`
     error: float = rules.ERROR  # error to spend on both comparisons together, at most `rules.ERROR`
-    simulated_error: float = 0.0  # share of simulated trials with a wrong verdict, in the worst case
+    simulated_error: float = 0.0  # share of wrong verdicts in simulations, at the worst true difference
     looks: tuple[int, ...] = rules.LOOKS  # number of the new teacher's seeds per cell at each look
     measure: str = HEADLINE  # measure that the design is made for, a column of `run_measures`
     runs: str = ""  # SHA-256 of the ids of all runs, which depend on the teacher's source and settings

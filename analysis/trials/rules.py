@@ -172,8 +172,8 @@ class DecisionRule:
         parts = estimand.factors**2 * estimand.variance(teacher) * (1 / teacher.runs - 1 / seeds)
         spread = np.sqrt(np.maximum(parts.sum(axis=-1), np.finfo(float).tiny))
         low, high = (self.reach(then, last, above=above) for above in (True, False))
-        # The verdict is open for differences within [-high, low], except where it is "alike": between
-        # low - margin and margin - high.
+        # The verdict is open within [-high, low], except between low - margin and margin - high, where it is
+        # "alike".
         inside = np.minimum(self.margin - high, low), np.maximum(low - self.margin, -high)
 
         def chance(value: Floats) -> Floats:
