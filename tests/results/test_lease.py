@@ -3,6 +3,7 @@
 import errno
 import fcntl
 import json
+import math
 import multiprocessing
 import os
 import subprocess
@@ -157,6 +158,17 @@ DAMAGED = {
     "a huge time": b'{"holder": "a", "token": "b", "renewed_at": 1e300, "process": null}',
     "another encoding": '{"holder": "a"}'.encode("utf-16"),
 }
+
+
+@pytest.mark.parametrize("content", DAMAGED.values(), ids=DAMAGED)
+def test_a_damaged_lease_blocks_nobody(store: Store, clock: Clock, content: bytes) -> None:
+    store.write_bytes(LEASE_FILE, content)
+    with pytest.raises(NotRunningError, match=r"lease\.json is damaged.*nothing to stop"):
+        ask_to_stop(store)
+    assert holder_of(store) is None
+    with Lease(store, "the next", 100.0, clock):
+        assert holder_of(store, math.inf) == "the next"
+    assert not store.exists(LEASE_FILE)
 
 
 @pytest.mark.parametrize("content", DAMAGED.values(), ids=DAMAGED)
