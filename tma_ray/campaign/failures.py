@@ -27,7 +27,7 @@ class OutageError(RuntimeError):
 
 
 class RetryingCommitter:
-    """Wrapper around a `Committer` that repeats calls when the storage fails.
+    """Wrapper around a `Committer` that retries calls when the storage fails.
 
     It checks the lease on the root before every call: during a long outage another campaign may have
     acquired it.

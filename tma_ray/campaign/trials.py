@@ -45,7 +45,7 @@ class TrialRuns:
         return self._options.nodes(self.config.device)
 
     def remaining(self) -> list[Plan]:
-        """Return plans of the unfinished runs up to each interim look.
+        """Return, for each interim look, the plan of the unfinished runs up to that look.
 
         Raises:
             ResultsRootError: if the results root belongs to something else.

@@ -58,7 +58,7 @@ _MODES: Final = {"stdin": "r", "stdout": "w", "stderr": "w"}  # in order of desc
 
 
 class VisibleStream:
-    """Wrapper of a stream that replaces control characters; rich writes to the wrapped stream itself."""
+    """Wrapper around a stream that replaces control characters; rich writes to the stream itself."""
 
     def __init__(self, stream: Any) -> None:
         self.rich_proxied_file = stream

@@ -168,7 +168,7 @@ class Curriculum:
         return pd.DataFrame(rows, columns=columns)
 
     def wrap(self, environment: Environment, apply: Apply | None = None) -> CurriculumEnvironment:
-        """Wrap `environment` to play the tasks of the curriculum.
+        """Wrap `environment` so that each episode takes its task from the curriculum.
 
         Args:
             environment: environment whose `reset` takes ``options={"task": …}``, unless `apply` is given.
@@ -180,7 +180,7 @@ class Curriculum:
     def wrap_vector(
         self, worlds: VectorEnv[Any, Any, Any], apply: Apply | None = None
     ) -> VectorEnv[Any, Any, Any]:
-        """Wrap a vector environment of any autoreset mode to play the tasks of the curriculum.
+        """Wrap a vector environment of any autoreset mode so that episodes take tasks from the curriculum.
 
         Args:
             worlds: vector environment of the benchmark, made with `gymnasium.make_vec`; a `SyncVectorEnv`,

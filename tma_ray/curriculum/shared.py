@@ -83,7 +83,7 @@ class SharedCurriculum:
         self._lock, self._connections = Lock(), dict[int, Connection]()
 
     def wrap(self, environment: Environment, apply: Apply | None = None) -> CurriculumEnvironment:
-        """Wrap `environment` to play the tasks of the curriculum; see `Curriculum.wrap`."""
+        """Wrap `environment` to take tasks from the curriculum; see `Curriculum.wrap`."""
         return CurriculumEnvironment(environment, self, apply)
 
     def begin(self) -> Assignment:

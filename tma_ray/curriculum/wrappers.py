@@ -26,7 +26,7 @@ from tma_ray.tasks import Task
 
 
 class CurriculumEnvironment(gymnasium.Wrapper[Any, Any, Any, Any]):
-    """Environment that plays the tasks of a curriculum.
+    """Wrapper that takes the task of each episode from a curriculum.
 
     Each `reset` takes the next task, unless the caller's options have a "task". Episodes on such a task, or
     abandoned by `reset`, are not reported. `info` has the "task" (d,) after `reset`, "trains" in every step,
@@ -81,7 +81,7 @@ class CurriculumEnvironment(gymnasium.Wrapper[Any, Any, Any, Any]):
 
 
 class CurriculumWorlds(VectorWrapper):
-    """Wrapper of a `VectorEnvironment` that plays the tasks of a curriculum; see `wrap_vector`."""
+    """Wrapper around a `VectorEnvironment` that takes tasks from a curriculum; see `wrap_vector`."""
 
     def __init__(self, env: VectorEnv[Any, Any, Any], link: Link) -> None:
         super().__init__(env)
@@ -159,7 +159,7 @@ class CurriculumWorlds(VectorWrapper):
 
 
 def restarted(worlds: AsyncVectorEnv, link: Link, apply: Apply | None) -> AsyncVectorEnv:
-    """Restart the processes of `worlds` with environments that play the tasks of a curriculum.
+    """Restart the processes of `worlds` with environments that take tasks from a curriculum.
 
     Gymnasium cannot wrap environments in running processes. The arguments must be picklable.
     """
@@ -176,7 +176,7 @@ def _made(make: Callable[[], Environment], link: Link, apply: Apply | None) -> C
 def wrap_vector(
     worlds: VectorEnv[Any, Any, Any], link: Link, apply: Apply | None
 ) -> VectorEnv[Any, Any, Any]:
-    """Wrap a vector environment to play the tasks of a curriculum; see `Curriculum.wrap_vector`.
+    """Wrap a vector environment to take tasks from a curriculum; see `Curriculum.wrap_vector`.
 
     Raises:
         TypeError: if the environments cannot be wrapped one by one.

@@ -349,7 +349,7 @@ def newer_version(store: Store, path: str) -> str:
 
 @dataclass(frozen=True)
 class Compaction:
-    """Outcome of a compaction: the number of merged runs, and the table files before and after."""
+    """Outcome of a compaction: the number of merged runs, and the number and size of table files."""
 
     runs: int
     files_before: int

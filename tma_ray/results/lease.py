@@ -112,7 +112,7 @@ class Heartbeat:
             return None
 
     def alive(self, now: float) -> bool:
-        """Return True if the campaign seems to run at the Unix time `now`; False if its clock is far off."""
+        """Return True if the campaign seems alive at the Unix time `now`; False if its clock is far off."""
         if self.ended or (self.process is not None and self.process.is_dead()):
             return False
         return abs(now - self.at) < SILENT_SECONDS

@@ -52,7 +52,7 @@ def new_worlds(spec: RunSpec, count: int) -> list[Environment]:
 
 
 class Evaluation:
-    """Worlds of a run's test set, constructed once and reset for every evaluation.
+    """Evaluation on a run's test set, in environments that are constructed once and reset each time.
 
     Each world's randomness depends only on the test set and the task's index, unlike in the original release,
     where test worlds differ between evaluations.
@@ -79,7 +79,7 @@ class Evaluation:
         ]
 
     def close(self) -> None:
-        """Close all worlds."""
+        """Close all environments."""
         for environment in self._environments:
             environment.close()
 
@@ -142,6 +142,6 @@ class UntrainedEpisodes:
         return Outcomes(episodic_returns, episodic_returns > self._spec.mastery_threshold, lengths)
 
     def close(self) -> None:
-        """Close all worlds."""
+        """Close all environments."""
         for environment in self._environments:
             environment.close()

@@ -85,7 +85,7 @@ def import_plugins(spec: RunSpec, *parts: str) -> None:
 
 
 def importing_plugins() -> bool:
-    """Return True while a module is imported for its plug-in."""
+    """Return True while a module is being imported for its plug-in."""
     return _importing.get()
 
 
@@ -176,7 +176,7 @@ def provide(contents_by_digest: Mapping[str, bytes]) -> None:
 
 @dataclass(frozen=True)
 class RunInputs:
-    """Everything that runs read apart from this package.
+    """Inputs of runs from outside this package: plug-in sources and input files.
 
     Attributes:
         sources: sources of the plug-ins.

@@ -48,7 +48,7 @@ class Placement:
         SECONDS.check("outage_seconds", self.outage_seconds)
 
     def give_way(self) -> None:
-        """Permanently lower the priority of the calling thread if its student learns in a cohort.
+        """Permanently lower the priority of the calling thread if the student learns in a cohort.
 
         Call it once per process. With more players than cores, all would otherwise wait for the learner,
         which waits for a core.
@@ -162,7 +162,7 @@ def _quotas(root: Path) -> list[float]:
         _, controllers, path = line.split(":", 2)
         if controllers and "cpu" not in controllers.split(","):
             continue
-        mount = root / "sys/fs/cgroup" / ("cpu" if controllers else "")  # cgroups version 1 or 2
+        mount = root / "sys/fs/cgroup" / ("cpu" if controllers else "")  # cgroups v1 or v2
         group = mount / path.lstrip("/")
         # in a container, the path may be that of the host, which is not mounted
         for folder in [folder for folder in (group, *group.parents) if folder.is_relative_to(mount)]:
@@ -171,7 +171,7 @@ def _quotas(root: Path) -> list[float]:
 
 
 def _quota(folder: Path) -> list[float]:
-    """Return a control group's quota in cores, for version 2 or 1, or an empty list if it has none."""
+    """Return a control group's CPU quota in cores (cgroups v2 or v1), or an empty list if it has none."""
     try:
         if (limit := folder / "cpu.max").exists():
             quota, period = limit.read_text().split()

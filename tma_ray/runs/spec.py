@@ -305,7 +305,7 @@ def task_space_shuffle(spec: RunSpec, placement: np.random.Generator) -> Shuffle
 
 
 def evaluation_seeds(test_set: TestSet) -> list[int]:
-    """Return the seeds of the test tasks' worlds, which are the same in all evaluations of all runs."""
+    """Return an environment seed for each test task, the same in all evaluations of all runs."""
     sequences = (np.random.SeedSequence([_hash(test_set.digest), index]) for index in range(len(test_set)))
     return [int(sequence.generate_state(1)[0] >> 1) for sequence in sequences]
 

@@ -49,7 +49,7 @@ class TeacherLink(Protocol):
         """Report a finished episode (None before the first) and return the teacher's reply."""
 
     def answer(self, answer: Answer) -> Reply:
-        """Give the teacher the answer to its last query, and return its next reply."""
+        """Pass on the answer to the teacher's last query, and return the teacher's next reply."""
 
     def probe(self, count: int) -> Task:
         """Return tasks (count, d) without exploration or side effects."""
@@ -93,7 +93,7 @@ class CheckedTeacher:
         return self._checked(self._teacher.observe(episode))
 
     def answer(self, answer: Answer) -> Query | None:
-        """Give the teacher the answer to its last query, and return its next query, if any."""
+        """Pass on the answer to the teacher's last query, and return the teacher's next query, if any."""
         return self._checked(self._teacher.answer(answer))
 
     def probe(self, count: int) -> Task:
@@ -159,7 +159,7 @@ class InlineTeacher:
         return self._reply(query)
 
     def answer(self, answer: Answer) -> Reply:
-        """Give the teacher the answer to its last query, and return its next reply."""
+        """Pass on the answer to the teacher's last query, and return the teacher's next reply."""
         return self._reply(self._checked.answer(answer))
 
     def probe(self, count: int) -> Task:

@@ -48,7 +48,7 @@ def block_sigint() -> Iterator[None]:
 
 
 def unblock_sigint() -> None:
-    """Unblock Ctrl-C; if one is pending, or comes later, it ends the process without a message."""
+    """Unblock Ctrl-C; a pending or later Ctrl-C ends the process without a message."""
     signal.signal(signal.SIGINT, leave_at_once)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 

@@ -19,7 +19,7 @@ def capacity(resources: Resources, nodes: Sequence[dict[str, Any]]) -> int:
 
 
 def resource_text(nodes: Sequence[Mapping[str, float]]) -> str:
-    """Describe the resources of nodes for messages."""
+    """Format the resources of nodes for a message."""
     return "; ".join(
         f"{node.get('CPU', 0):g} CPUs, {node.get('GPU', 0):g} GPUs, {node.get('memory', 0) / GIB:.1f} GiB"
         for node in nodes
