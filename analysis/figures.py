@@ -86,7 +86,7 @@ def animation(
 
 MEASURE = "mastered_percent"
 
-EARLY = 0.25  # share of the budget after which a second radar is drawn, for the paper's sample efficiency
+EARLY = 0.25  # share of the budget after which a second radar shows sample efficiency, as in the paper
 
 FILE_NAME = ("experiment", "embodiment", "student", "expert_knowledge")
 """Columns whose values name the files of a comparison, as long as these names are unique."""

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 
 from tma_ray.support.texts import counted
 
-LISTED, FIRST = 12, 6  # of more than LISTED names, only the first FIRST are shown
+LISTED, FIRST = 12, 6  # of more than `LISTED` names, only the first `FIRST` are shown
 
 FEW_SEEDS = 10  # readers are warned of fewer seeds; the paper used 16 to 48
 

@@ -1,4 +1,4 @@
-"""Baselines: published results, and releases of campaigns with checksums."""
+"""Baselines: published results, and checksummed releases of campaigns."""
 
 from analysis.baselines.catalogue import (
     About,

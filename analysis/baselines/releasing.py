@@ -215,7 +215,7 @@ def _refuse_damaged(problems: Sequence[str], partial: bool) -> None:
 def _with_contents(
     draft: BaselineManifest, frames: Frames, copied: results.Copy | results.Shard
 ) -> BaselineManifest:
-    """Return a copy of a manifest, with the contents and caveats of the release's tables."""
+    """Return a copy of a manifest, with contents and caveats derived from the release's tables."""
     cells, runs = frames.cells, frames.results.runs()
     columns = {name: cells[column].astype(object).dropna().tolist() for name, column in HELD.items()}
     columns |= {name: list(map(int, columns[name])) for name in ("steps", "seeds")}

@@ -84,7 +84,7 @@ class ColourScale:
     low: float  # value mapped to the first colour
     high: float  # value mapped to the last colour
     title: str = ""  # name of the quantity
-    open: bool = False  # True if some values may lie beyond both ends
+    open: bool = False  # True if values may lie beyond the ends
     mark: float | None = None  # value to mark on the colour bar; None for none
 
 

@@ -176,7 +176,7 @@ def curriculum_strip(curricula: Mapping[str, RunCurriculum], plane: tuple[Axis, 
 
 
 def dimension_bands(curricula: Mapping[str, RunCurriculum], axes: Sequence[Axis]) -> base.Chart:
-    """Return a chart of quantiles of probed tasks over steps, a row per dimension, a column per teacher.
+    """Return a chart of quantiles of probed tasks over steps, by dimension (row) and teacher (column).
 
     Dark lines are the bounds of a single box, or two standard deviations of a single Gaussian; dots are the
     means of several Gaussians, larger for more weight.

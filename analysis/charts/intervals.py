@@ -190,7 +190,7 @@ DIFFERENCES = (
 def difference_chart(
     beside: Sequence[AgainstRandom], names: Mapping[str, str], heading: str, name: str = "differences"
 ) -> base.Chart:
-    """Return a chart of differences from Random with intervals, a row per teacher, a panel per measure.
+    """Return a chart of differences from Random, with intervals, by teacher (row) and measure (panel).
 
     Small marks are differences per trained step.
 
@@ -231,7 +231,7 @@ FEWEST_WITH_BAND = 5  # minimum number of runs for a band; with fewer, bands wou
 
 
 def profile_chart(table: pd.DataFrame, quantity: str, name: str, heading: str, caption: str) -> base.Chart:
-    """Return a chart of performance profiles: the share of runs above each threshold, a line per teacher.
+    """Return a chart of performance profiles (share of runs above each threshold), with a line per teacher.
 
     Args:
         table: teacher, threshold, share, low, high and n, from `aggregates.profiles`.

@@ -56,7 +56,7 @@ def baseline_runs(
 
 PAPER = "paper-2021"  # name of the baseline that holds the paper's tables
 
-PAPER_ENGINE = BOX2D  # simulator of the paper's worlds, unlike Chipmunk here
+PAPER_ENGINE = BOX2D  # simulator of the paper's worlds; this package uses Chipmunk
 
 PAPER_STEPS = 20_000_000  # training steps of each run in the paper's tables
 

@@ -219,7 +219,7 @@ def _split(table: pd.DataFrame, number: str) -> dict[int, Columns]:
 
 
 def reuse_random(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return `runs` with Random repeated at every level of expert knowledge of the other teachers.
+    """Return `runs` with Random repeated at every level of expert knowledge that other teachers have.
 
     Missing levels have the runs of `reference.baseline_runs`.
     """

@@ -222,7 +222,7 @@ def _render(
 
 
 def _boards(ranked: Sequence[Rank]) -> dict[str, list[Rank]]:
-    """Group ranks into panels of `rank_chart`, by title: measure, level, budget, challenges."""
+    """Group ranks by the title of their panel in `rank_chart`: measure, level, budget, challenges."""
     boards: dict[str, list[Rank]] = {}
     for rank in ranked:
         if rank.of > 1:

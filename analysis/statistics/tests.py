@@ -68,7 +68,7 @@ def _extreme_share(differences: Floats, observed: float, scale: float) -> float:
     return float(np.mean(np.abs(differences) >= abs(observed) - EQUAL * scale))
 
 
-ROUNDING = 1e-9  # shares this close to 0 or 1 are rounded to it
+ROUNDING = 1e-9  # shares this close to 0 or 1 are rounded
 ALL_EQUAL = "no spread between seeds"  # reason for no test: all values are equal
 
 

@@ -48,7 +48,7 @@ TRIALS = 4_000  # number of trials simulated to choose the error
 class Spread:
     """Spread of a measure among a release's runs in a cell, on the scale of its test."""
 
-    slope: float  # derivative of the measure (in points) by its scaled value, at the release's mean
+    slope: float  # derivative of the measure (points) with respect to its scaled value, at the release's mean
     deviation: float  # standard deviation over runs, pooled over the release's teachers
     least: float  # `statistics.least_variance` of the release's teachers
 
@@ -63,7 +63,7 @@ class TrialCell:
     embodiment: str
     student: str
     expert_knowledge: str
-    slope: float  # derivative of `HEADLINE` (points) by its arcsine (rad), at the release's mean
+    slope: float  # derivative of `HEADLINE` (points) with respect to its arcsine (rad), at the release's mean
     deviation: float  # standard deviation over runs, pooled over the release's teachers, in rad
     hours: float  # median hours of a run in the release; 0 if unknown
     weight: float | None = None  # weight in the mean over cells; None in older designs (equal weights)
@@ -97,7 +97,7 @@ class Design:
     margin: float = AREA_MARGIN  # equivalence margin of `HEADLINE`, in points; see `margin_of`
     error: float = rules.ERROR  # error to spend on both comparisons together, at most `rules.ERROR`
     simulated_error: float = 0.0  # share of wrong verdicts in simulations, at the worst true difference
-    looks: tuple[int, ...] = rules.LOOKS  # number of the new teacher's seeds per cell at each look
+    looks: tuple[int, ...] = rules.LOOKS  # cumulative number of the new teacher's seeds per cell at each look
     measure: str = HEADLINE  # measure that the design is made for, a column of `run_measures`
     runs: str = ""  # SHA-256 of the ids of all runs, which depend on the teacher's source and settings
 

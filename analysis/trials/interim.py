@@ -49,7 +49,7 @@ class LookComparison:
 
     measure: str  # measure that is compared, one of `design.AXES`
     reference: str  # teacher with which the new one is compared
-    seeds: int  # number of the new teacher's seeds per cell
+    seeds: int  # number of the new teacher's seeds per cell so far
     value: float  # observed difference
     unbiased: float  # median-unbiased estimate, corrected for earlier looks; NaN after a verdict
     low: float  # lower end of the repeated confidence interval
@@ -63,7 +63,7 @@ class LookComparison:
 class InterimLook:
     """Interim look of a trial, with its comparisons."""
 
-    seeds: int  # number of the new teacher's seeds per cell
+    seeds: int  # number of the new teacher's seeds per cell so far
     comparisons: tuple[LookComparison, ...]  # comparisons, those by the measure that ends trials first
     settled: tuple[LookComparison, ...]  # each comparison at the look of its verdict, or else at this look
     ending: TrialEnding  # reason why the trial ends here, or `GOES_ON`

@@ -16,7 +16,7 @@ from scipy import special
 from analysis.statistics.samples import negligible
 from analysis.trials.boundaries import boundaries
 
-LOOKS = (3, 5, 10, 20)  # number of the new teacher's seeds per cell at each look
+LOOKS = (3, 5, 10, 20)  # cumulative number of the new teacher's seeds per cell at each look
 ERROR = 0.05  # probability of a wrong verdict, over both comparisons and all looks
 
 COMPARISONS = 2
@@ -60,7 +60,7 @@ class Estimand:
     """Estimand of a trial: the weighted mean of the cells' differences, in points."""
 
     weights: Floats  # weight of each cell (cells,), summing to 1
-    slopes: Floats  # points per unit of the moments' scale (cells,)
+    slopes: Floats  # slope of each cell (cells,), in points per unit of the moments' scale
     least: Floats  # `statistics.least_variance` of each cell (cells,), on the moments' scale
 
     @property
@@ -103,7 +103,7 @@ def difference(teacher: Moments, reference: Moments, estimand: Estimand) -> Diff
 class DecisionRule:
     """Group-sequential decision rule of one comparison."""
 
-    looks: tuple[int, ...]  # number of the new teacher's seeds per cell at each look
+    looks: tuple[int, ...]  # cumulative number of the new teacher's seeds per cell at each look
     fractions: tuple[float, ...]  # planned information at each look, as a share of the last look's
     margin: float  # equivalence margin, in points
     candidates: int = 1  # number of teachers the reference is the best of; 1 if it was fixed in advance
@@ -111,12 +111,12 @@ class DecisionRule:
 
     @cached_property
     def lower(self) -> tuple[float, ...]:
-        """Boundaries of the intervals' lower ends, in standard errors of a normal statistic."""
+        """Boundaries for the lower ends of intervals, on the scale of a standard normal statistic."""
         return self._bounds(self.error / 2)
 
     @cached_property
     def upper(self) -> tuple[float, ...]:
-        """Boundaries of the intervals' upper ends, with Šidák's correction for the choice of the best.
+        """Boundaries for the upper ends of intervals, with Šidák's correction for the choice of the best.
 
         The best of several is overestimated and the difference to it underestimated, so only this end needs
         the correction.
