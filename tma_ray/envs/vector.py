@@ -73,7 +73,7 @@ class LockStep:
         self.episodic_returns = np.zeros(len(environments))
 
     def read_limits(self) -> None:
-        """Read the time limits of episodes again from the environments."""
+        """Update the time limits of episodes from the environments."""
 
     def reset(
         self, rows: NDArray[np.int64], seeds: Sequence[int | None], tasks: Iterable[Task | None]
@@ -129,7 +129,7 @@ class EngineLockStep(LockStep):
         self.read_limits()
 
     def read_limits(self) -> None:
-        """Read the time limits of episodes again; see `LockStep`."""
+        """Update the time limits of episodes; see `LockStep`."""
         self._longest = np.array([environment.max_episode_steps for environment in self._environments])  # type: ignore[attr-defined]
 
     def reset(

@@ -373,7 +373,7 @@ DENSITY = 1.0  # density of water, in kg/m²
 GRAVITY = 10.0  # gravitational acceleration of displaced water, in m/s²
 DRAG, LARGEST_DRAG = 0.25, 2000.0  # coefficient, and upper bound in N
 LIFT, LARGEST_LIFT = 0.25, 500.0  # coefficient, and upper bound in N
-PUSH, LARGEST_PUSH = 0.05, 20.0  # coefficient, and bound of each component in N
+PUSH, LARGEST_PUSH = 0.05, 20.0  # coefficient, and upper bound of each component in N
 TORQUE_SCALE = 60 / 50  # the original release computes torques for steps of 1/60 s instead of 1/50 s
 
 

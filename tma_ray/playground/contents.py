@@ -22,7 +22,7 @@ from tma_ray.terrain.terrain import STARTPAD_STEPS, TERRAIN_STEP
 C_TYPES: Final = {"float64": "double", "float32": "float", "int64": "i64", "bool": "bool"}
 INTEGER_VIEWS: Final = ("contacts", "medium", "wet", "grips", "handles", "holds")
 PLAYED: Final = ("stump_tracks", "parkour")  # environments on the page
-BODY_SIZES: Final = (0.6, 0.8, 1.25, 1.6)  # factors of a body's size, besides 1
+BODY_SIZES: Final = (0.6, 0.8, 1.25, 1.6)  # factors by which bodies can be resized, besides 1
 
 
 def stored(values: NDArray[Any]) -> list[Any]:

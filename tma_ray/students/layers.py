@@ -116,7 +116,7 @@ def _leaves(module: nn.Module) -> Iterator[nn.Module]:
 
 
 def _without_batch_norm(layer: Any) -> nn.Module:
-    """Return an `Affine` equivalent to a batch renormalisation layer, and any other layer unchanged."""
+    """Replace a batch renormalisation layer by an equivalent `Affine`, and return other layers unchanged."""
     if type(layer).__name__ != "BatchRenorm1d":
         return layer  # type: ignore[no-any-return]
     mean, variance, scale, bias = (

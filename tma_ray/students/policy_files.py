@@ -117,7 +117,7 @@ def write_policy(
     tensors: Mapping[str, NDArray[Any]],
     hyperparameters: Mapping[str, Any] | None = None,
 ) -> None:
-    """Write a policy to the existing `folder`, with deterministic bytes.
+    """Write a policy to the existing `folder`; equal policies have equal bytes.
 
     Args:
         folder: folder of the policy alone.

@@ -55,9 +55,9 @@ class Teacher(ABC):
     Attributes:
         algorithm_version: part of the identity of every run, increased with each change that gives other
             tasks; None for a plug-in, which is identified by its source.
-        knowledge_levels: levels of expert knowledge that make a difference to the teacher, in rising order.
-            It needs at least the first. At a level that is not listed it behaves as at the next lower one,
-            so that such runs are shared.
+        knowledge_levels: levels of expert knowledge that make a difference to the teacher, in increasing
+            order. It needs at least the first. At a level that is not listed it behaves as at the next lower
+            one, so that such runs are shared.
         absent_at_default: hyper-parameters added after the first runs, whose defaults are not part of a run's
             identity: see `tma_ray.components.settings.config_dict`.
         presets: groups of hyper-parameters by their name in ``preset=``.

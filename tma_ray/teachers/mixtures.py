@@ -72,7 +72,7 @@ def fit_mixture(rows: Array, most_components: int, seed: int, units: Array | flo
 
     sizes, rows = range(2, min(most_components, len(rows) - 1) + 1), rows / units
     with threadpool_limits(limits=1), warnings.catch_warnings():
-        # with equal or few rows, components may be empty, and EM may not converge
+        # with few or identical rows, components may be empty, and EM may not converge
         warnings.simplefilter("ignore", ConvergenceWarning)
         fits = [GaussianMixture(size, covariance_type="full", random_state=seed).fit(rows) for size in sizes]
         best = min(fits, key=lambda fit: float(fit.aic(rows)))

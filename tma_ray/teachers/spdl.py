@@ -67,7 +67,7 @@ class FullGaussian:
 
 
 LARGEST_LOG_WEIGHT = 50.0  # bound on log importance weights, to keep the objective finite
-SMALLEST_GRADIENT = 1e-10  # smallest gradient norm of an update (original release)
+SMALLEST_GRADIENT = 1e-10  # smallest gradient norm that leads to an update (original release)
 
 
 def self_paced_update(

@@ -26,7 +26,7 @@ class TransitionModel:
     squares: Array | None = field(init=False, default=None)  # sums of squared changes (o,)
 
     def error(self, trajectory: Trajectory) -> float:
-        """Return the mean squared prediction error in an episode, then learn from the episode.
+        """Learn from an episode, and return the mean squared prediction error from before that.
 
         Errors are relative to the mean squared change of each value of the observation, including this
         episode: predicting no change has an error of about 1, and a constant value has 0.
@@ -111,7 +111,7 @@ class TRACED(ACCEL):
         return loss + self.error_weight * self.transitions_.error(trajectory)
 
     def count_in(self, episode: Episode, values: Array) -> int | None:
-        """Score the task of `episode` by the `values` of its states, and return its slot, or None."""
+        """Score the task of `episode` by the `values` of its states; return its slot, or None without one."""
         replayed = self.replayed_ is not None
         slot = super().count_in(episode, values)
         if slot is None:
@@ -131,7 +131,7 @@ class TRACED(ACCEL):
         return slot
 
     def _forget(self, slot: int) -> None:
-        """Discard the co-learnability of the task that was in `slot` before."""
+        """Discard the co-learnability of the previous task in `slot`."""
         self.co_learnability_[slot] = 0.0
         self.previous_round_ = [previous for previous in self.previous_round_ if previous != slot]
         self.round_ = [replayed for replayed in self.round_ if replayed != slot]

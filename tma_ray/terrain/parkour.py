@@ -123,7 +123,7 @@ CEILING_OFFSET = 200.0  # height of the ceiling above the start, in units of the
 GROUND_LIMIT = -1000.0  # water height at level 0, in units of the network
 MINIMUM_WATER_LEVEL = 0.01
 
-CREEPER_HEIGHT_STD = 0.1  # standard deviation of heights around the task's mean, in m
+CREEPER_HEIGHT_STD = 0.1  # standard deviation of creepers' heights around the task's mean, in m
 MINIMUM_CREEPER_HEIGHT = 0.2  # smallest height of a creeper, or of a swinging creeper's part, in m
 MINIMUM_CREEPER_WIDTH = 0.2  # in m
 MINIMUM_CREEPER_SPACING = 0.01  # in m, before rounding up to terrain steps

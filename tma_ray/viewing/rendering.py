@@ -182,7 +182,7 @@ def open_rendered(settings: EpisodeSettings) -> RenderedEnvironment:
 class RenderedEpisode(EpisodeSoFar):
     """State of a rendered episode."""
 
-    task: Task = field(kw_only=True)  # (d,)
+    task: Task = field(kw_only=True)  # played task (d,)
     ended: bool = False
     success: bool = False
 
