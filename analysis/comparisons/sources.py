@@ -220,7 +220,7 @@ def _differences(row: pd.Series, yours: pd.DataFrame, baseline: ResultSet) -> st
 
 
 def missing_challenges(yours: ResultSet, teachers: Sequence[str]) -> list[str]:
-    """Return a line per teacher that lacks results on some benchmark challenges, with their names."""
+    """Return a line for each teacher without results on all benchmark challenges, naming those it lacks."""
     results = yours.table[yours.table["n"] > 0]
     challenges = dict.fromkeys((matrix.environment, matrix.challenge) for matrix in MATRICES)
     sentences = []

@@ -21,7 +21,7 @@ from tma_ray.benchmark import EXPERIMENTS, Matrix
 from tma_ray.support.component_names import join_name, split_name
 from tma_ray.support.texts import counted
 
-MOST_SETTINGS = 4  # names with more settings have their hash instead
+MOST_SETTINGS = 4  # a name with more settings contains their hash instead
 
 
 def disambiguate_names(cells: Sequence[pd.DataFrame]) -> tuple[list[pd.DataFrame], tuple[str, ...]]:
