@@ -116,7 +116,7 @@ class Claim:
 
     @property
     def threshold(self) -> str:
-        """Phrase about the source of `needed`: the paper's claim or our reading of it."""
+        """Phrase that names the source of `needed`: the paper's claim or our reading of it."""
         return "needed by our reading" if self.ours else "claimed"
 
 

@@ -1,4 +1,4 @@
-"""Estimated cost of a plan: speeds, hours, disk space and memory.
+"""Estimation of a plan's cost: speeds, hours, disk space and memory.
 
 Speeds come from a table, scaled to this machine, or are measured. ``python -m tma_ray.campaign.costs``
 measures in a separate process, and prints them as JSON.

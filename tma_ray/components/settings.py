@@ -1,4 +1,4 @@
-"""Settings of components (hyper-parameters, options) as typed values.
+"""Parsing of components' settings (hyper-parameters, options) into typed values.
 
 A component is a class or function, mostly a dataclass, whose annotated parameters are its settings. It may
 declare ``presets: ClassVar[Mapping[str, Mapping[str, Any]]]``, named sets of values for the key ``preset``.
@@ -203,7 +203,7 @@ def coerce(key: str, value: Any, annotation: Any, kind: str = "hyper-parameter")
 
 
 def _choices(annotation: Any) -> dict[str, Any]:
-    """Return the values of a literal or enum type by their text, or {} for other types."""
+    """Return the values of a literal or enum type by their string forms, or {} for other types."""
     if get_origin(annotation) is Literal:
         return {text_of(to_json(choice)): choice for choice in get_args(annotation)}
     if isinstance(annotation, type) and issubclass(annotation, Enum):

@@ -16,7 +16,7 @@ from tma_ray.support.texts import visible
 
 
 class _Terminal(Console):
-    """Console that replaces control characters in texts, but prints its own."""
+    """Console that replaces control characters in strings, but prints its own."""
 
     @property
     def file(self) -> IO[str]:
@@ -41,7 +41,7 @@ class _Terminal(Console):
 
 
 def terminal(console: Console | None = None, **settings: Any) -> Console:
-    """Return `console`, or a new one that ignores markup in texts and replaces control characters.
+    """Return `console`, or a new one that ignores markup in strings and replaces control characters.
 
     Names of teachers, experiments and folders may contain markup, such as ``[red]x`` or the erroneous
     ``[/x]``, and escape sequences.
@@ -50,7 +50,7 @@ def terminal(console: Console | None = None, **settings: Any) -> Console:
 
 
 def print_line(text: str) -> None:
-    """Print a text without rich's highlighting and line wrapping."""
+    """Print a string without rich's highlighting and line wrapping."""
     terminal().print(text, highlight=False, soft_wrap=True)
 
 
@@ -64,12 +64,12 @@ class VisibleStream:
         self.rich_proxied_file = stream
 
     def write(self, text: str) -> int:
-        """Write a text, and return its length."""
+        """Write a string, and return its length."""
         self.rich_proxied_file.write(visible(text))
         return len(text)
 
     def writelines(self, lines: Iterable[str]) -> None:
-        """Write texts in sequence."""
+        """Write strings in sequence."""
         for line in lines:
             self.write(line)
 

@@ -70,13 +70,13 @@ _LONGEST_LICENCE: Final = 200
 
 
 def check_visible(text: str, expected: str) -> None:
-    """Refuse empty texts and control characters; `expected` describes a valid text for the message."""
+    """Refuse empty strings and control characters; `expected` describes valid strings for the message."""
     if not text.strip() or min(text) < " ":
         raise refused(text, f"expected {expected}")
 
 
 def named(expected: str) -> Callable[[str], str]:
-    """Return a parser for non-empty texts; see `check_visible`."""
+    """Return a parser for non-empty strings; see `check_visible`."""
 
     def parse(text: str) -> str:
         check_visible(text, expected)

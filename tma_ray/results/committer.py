@@ -216,7 +216,7 @@ class Committer:
         if self.store.exists(path) and self.store.read_bytes(path) == WITHDRAWN:
             return
         record = read_progress(self.store, run_id, attempt)
-        if record is None:  # the attempt began when its manifest was written
+        if record is None:  # take the time of its manifest as the start
             written_at, _ = self.store.stamps(layout.MANIFESTS).get(
                 layout.manifest_path(run_id), (None, None)
             )

@@ -1,4 +1,4 @@
-"""Input files and plug-in sources of runs, stored in the folder ``inputs`` under their hashes."""
+"""Storage of runs' input files and plug-in sources in the folder ``inputs``, under their hashes."""
 
 import base64
 import hashlib

@@ -135,7 +135,7 @@ class Checkpoints:
         return len(index) + sum(file.size for file in new.values())
 
     def restore(self, run: Run) -> Checkpoint | None:
-        """Load the newest intact checkpoint into a new `run`, and return it, or None if there is none."""
+        """Load the newest intact checkpoint into a new `run`, and return the checkpoint, if there is one."""
         indices = [path for path in self._store.files(self._folder) if path.endswith(f"/{INDEX}")]
         for path in reversed(indices):
             with tempfile.TemporaryDirectory() as folder:

@@ -1,4 +1,4 @@
-"""Grammar of names with settings, ``name:key=value``.
+"""Grammar of component names with settings, ``name:key=value``.
 
 Settings follow the name of a component, as in ``alp_gmm:fit_every=100``, ``stock:sac:learning_rate=3e-4`` or
 ``module:Name:key=value``. List entries are separated by "x" (``hidden_units=64x64``), unless an entry is a
@@ -55,7 +55,7 @@ def base_name(text: str) -> str:
 
 
 def _parted(text: str) -> tuple[str, str]:
-    """Return a component's name, and the text of its settings with the leading colon."""
+    """Return a component's name, and its settings as a string with the leading colon."""
     if not isinstance(text, str):
         raise TypeError(f"{text!r:.60}: expected the name of a part, as 'random'")
     match = _SETTINGS.search(text)
@@ -86,7 +86,7 @@ def join_name(name: str, settings: Mapping[str, Any]) -> str:
 
 
 def text_of(value: Any) -> str:
-    """Return the text that represents a value in a name.
+    """Return the string that represents a value in a name.
 
     Examples:
         >>> [text_of(value) for value in (1.0, 3e-4, True, None, (64, 64), ["box"])]

@@ -93,6 +93,6 @@ def expanded(path: str | Path) -> Path:
 
 
 def refused(text: str, reason: str) -> ValueError:
-    """Return a ValueError for a rejected text, with the reason."""
+    """Return a ValueError for a rejected string, with the reason."""
     shown = text if len(text) <= MOST_SHOWN_CHARS else f"{text[:MOST_SHOWN_CHARS]}…"
     return ValueError(f"{shown!r}: {reason}")

@@ -1,4 +1,4 @@
-"""Texts for users: counts, durations, sizes, and texts stripped of control characters."""
+"""Formatting of texts for users: counts, durations, sizes, and removal of control characters."""
 
 import math
 import re
