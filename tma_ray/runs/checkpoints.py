@@ -217,7 +217,7 @@ class SavedPolicy:
                 (folder / path.name).write_bytes(self.store.read_bytes(str(path)))
 
     def read(self, folder: Path, reader: Callable[[str, Path], ResultT]) -> ResultT:
-        """Call `reader` with the student's name and a folder with a copy of the policy; return its result."""
+        """Call `reader` with the student's name and `folder`, a copy of the policy; return the result."""
         try:
             return reader(self.spec.student, folder)
         except PolicyFileError as error:  # the error names the copy instead of the original

@@ -182,7 +182,7 @@ class Store(ABC):
         return re.fullmatch(f"{TEMPORARY}/{self._mark()}[0-9a-f]{{32}}", path) is not None
 
     def holds(self, path: str) -> bool:
-        """Return True if a file or anything else exists at `path`."""
+        """Return True if anything exists at `path`, whether a file or not."""
         return self.exists(path)
 
     def check_location(self, *folders: str) -> None:  # noqa: B027 - a bucket has nothing to check

@@ -309,7 +309,7 @@ def sync_folder(folder: Path) -> None:
 
 
 def links_out(base: str, path: str) -> bool:
-    """Return True if a symbolic link in `path` leads out of `base` or nowhere."""
+    """Return True if a symbolic link in `path` leads out of `base` or is broken."""
     target, linked = base, False
     for part in path.split("/"):
         target = f"{target}/{part}"
