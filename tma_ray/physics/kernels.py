@@ -324,7 +324,7 @@ def observe(
 
 @kernel
 def _observe_lidars(head: Floats, body: StepArrays, world: World, observation: NDArray[np.float32]) -> None:
-    """Write the distances of the lidar rays' hits, and the kinds of objects hit, to `observation`."""
+    """Write the distances at which the lidar rays hit, and the kinds of objects hit, to `observation`."""
     rays = len(body.rays)
     for ray in range(rays):
         fraction, kind = cast_ray(head[0], head[1], body.rays[ray], world)

@@ -120,7 +120,7 @@ class PymunkEngine:
             self._parts[index].apply_impulse_at_local_point((push * TIME_STEP, 0.0), centre)
 
     def _drive(self, share: float) -> None:
-        """Set the motors' target speeds, and their largest torques times `share`."""
+        """Set the motors' target speeds, and their largest torques multiplied by `share`."""
         for motor, (speed, torque) in zip(self._motors, self._commands.tolist(), strict=True):
             motor.rate = -speed  # Chipmunk's rate is the speed of the first part relative to the second
             motor.max_force = share * torque

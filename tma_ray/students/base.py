@@ -161,7 +161,7 @@ class Student(ABC):
 
 
 def checked_spaces(observation_space: Space[Any], action_space: Space[Any]) -> tuple[spaces.Box, spaces.Box]:
-    """Return both spaces after checking that they are flat float32 boxes, and the action space bounded."""
+    """Return both spaces, checked to be one-dimensional float32 boxes, with a bounded action space."""
     boxes = _checked_box(observation_space, "observation"), _checked_box(action_space, "action")
     if not boxes[1].is_bounded():
         raise ValueError(f"action space {boxes[1]}: expected finite bounds")

@@ -78,7 +78,7 @@ class TaskSpace:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the dimensions, in task order."""
+        """Names of the dimensions, in the order of a task's values."""
         return tuple(dimension.name for dimension in self.dimensions)
 
     @property
@@ -103,7 +103,7 @@ class TaskSpace:
 
     @property
     def centre(self) -> NDArray[np.float64]:
-        """Middle of the box (d,)."""
+        """Centre of the box (d,)."""
         return self.low + self.width / 2
 
     def sample(self, rng: np.random.Generator, count: int | None = None) -> Task:

@@ -126,7 +126,7 @@ class MixtureTeacher(Teacher):
         self.mixture_: Mixture | None = None
 
     def sample(self) -> Task:
-        """Return a task (d,) from the mixture, a uniform one, or an initial one before the first fit."""
+        """Return a task (d,) from the mixture or a uniform one; an initial one before the first fit."""
         if self.mixture_ is None:
             return self._bootstrap(self.rng)
         if self.rng.random() < self.explore:

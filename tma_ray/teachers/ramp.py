@@ -1,4 +1,4 @@
-"""Hand-made schedule from easy tasks to the target distribution, a reference for teachers."""
+"""Hand-designed schedule from easy tasks to the target distribution, a reference for teachers."""
 
 from dataclasses import dataclass
 from typing import ClassVar

@@ -24,7 +24,7 @@ class Sobol(Teacher):
     single_task: ClassVar[bool] = False
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
-        """Draw the seed of the scrambling."""
+        """Draw the seed for scrambling the sequence."""
         super().start(space, knowledge, rng)
         self._box = UnitBox(space)
         self.scrambling_ = int(rng.integers(2**31))

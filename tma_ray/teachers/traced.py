@@ -26,7 +26,7 @@ class TransitionModel:
     squares: Array | None = field(init=False, default=None)  # sums of squared changes (o,)
 
     def error(self, trajectory: Trajectory) -> float:
-        """Learn from an episode, and return the mean squared prediction error from before that.
+        """Learn from an episode, and return its mean squared prediction error before learning.
 
         Errors are relative to the mean squared change of each value of the observation, including this
         episode: predicting no change has an error of about 1, and a constant value has 0.

@@ -161,7 +161,7 @@ def simulation_in(floats: Floats, integers: Integers) -> SimulationState:
 
 @kernel
 def world_in(floats: Floats, integers: Integers) -> tuple[World, Integers]:
-    """Return the world whose addresses are in a memory, and the pointers of its creepers (c, 3)."""
+    """Return the world whose addresses are in a memory, and the pointers to its creepers (c, 3)."""
     grounds, ceilings, creepers = integers[TERRAIN], integers[TERRAIN + 1], integers[TERRAIN + 2]
     addresses = integers[TERRAIN + 3 :]
     world = World(
@@ -179,7 +179,7 @@ def world_in(floats: Floats, integers: Integers) -> tuple[World, Integers]:
 
 @kernel
 def drive(simulation: SimulationState, share: float) -> None:
-    """Set the motors' target speeds, and their largest torques times `share`."""
+    """Set the motors' target speeds, and their largest torques multiplied by `share`."""
     for joint in range(len(simulation.commands)):
         motor = simulation.handles[1 + len(simulation.state) + joint]
         # Chipmunk's rate is the speed of the first part relative to the second

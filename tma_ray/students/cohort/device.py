@@ -159,7 +159,7 @@ def philox(counters: tuple[torch.Tensor, ...], keys: tuple[torch.Tensor, torch.T
 
 
 def words(keys: torch.Tensor, numbers: torch.Tensor, purpose: Purpose, count: int) -> torch.Tensor:
-    """Return random words (k, count) of k runs, keyed by `keys` (k, 2) and their update `numbers` (k,)."""
+    """Return random words (k, count) for k runs, determined by `keys` (k, 2) and update `numbers` (k,)."""
     blocks = torch.arange(-(-count // 4), device=keys.device)
     low, high = (numbers & _WORD)[:, None], (numbers >> 32 & _WORD)[:, None]
     # block numbers are the second word, which the first round does not multiply: torch.compile would

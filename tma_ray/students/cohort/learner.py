@@ -14,7 +14,7 @@ from tma_ray.students.hyperparameters import MatmulPrecision
 
 
 def batching_is_faster(device: torch.device, precision: MatmulPrecision, compiled: bool | str) -> bool:
-    """Return True if batched matrix products pay off, as they do except in eager float32 on a CPU."""
+    """Return True if batched matrix products are faster: always, except in eager float32 on a CPU."""
     return device.type != "cpu" or bool(compiled) or precision == MatmulPrecision.MEDIUM
 
 
@@ -133,7 +133,7 @@ OwnerT = TypeVar("OwnerT")
 
 
 def narrowed(owner: OwnerT, slot: int, *names: str) -> OwnerT:
-    """Return a shallow copy of `owner` whose tensors `names` are narrowed to `slot` (1, ...)."""
+    """Return a shallow copy of `owner` with its tensors `names` narrowed to the row of `slot` (1, ...)."""
     narrow = copy(owner)
     for name in names:
         setattr(narrow, name, getattr(owner, name)[slot : slot + 1])

@@ -1,4 +1,4 @@
-"""Forward passes of multilayer perceptrons over numpy arrays, without torch."""
+"""Forward passes of multilayer perceptrons over numpy arrays, importable without torch."""
 
 import math
 from typing import TypeAlias

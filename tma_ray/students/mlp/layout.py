@@ -1,4 +1,4 @@
-"""Layout of a multilayer perceptron in a flat vector of parameters, without torch or numba."""
+"""Layout of a multilayer perceptron in a flat vector of parameters, importable without torch or numba."""
 
 import itertools
 from enum import StrEnum

@@ -158,7 +158,7 @@ _lean_pass: Any = _LeanPass.apply
 def input_gradient(
     layers: Layers, kept: Sequence[torch.Tensor], gradient: torch.Tensor, activation: Activation
 ) -> torch.Tensor:
-    """Return the gradient with respect to a network's inputs (n, i), skipping rows without a gradient.
+    """Return the gradient with respect to a network's inputs (n, i), skipping rows of zero gradient.
 
     Args:
         layers: layers of the network.

@@ -94,7 +94,7 @@ class RolloutWorker(ActingStudent):
 
     @abstractmethod
     def restore_experience(self, experience: dict[str, Any]) -> None:
-        """Restore the values that `experience` returned after an episode."""
+        """Restore values that `experience` returned at the end of an episode."""
 
     def reset(self) -> None:  # noqa: D102
         self._forget()

@@ -67,7 +67,7 @@ class SharedBuffer:
         return tuple(self._view(value).copy() if isinstance(value, ArrayRef) else value for value in message)
 
     def close(self) -> None:
-        """Close the descriptor. The memory is freed with its last view."""
+        """Close the descriptor; the memory is freed with its last view."""
         os.close(self._descriptor)
 
     def _view(self, reference: ArrayRef) -> NDArray[Any]:

@@ -1,4 +1,4 @@
-"""Action selection, rollout buffer and rollout worker of PPO, without torch."""
+"""Action selection, rollout buffer and rollout worker of PPO, importable without torch."""
 
 from __future__ import annotations
 
@@ -265,7 +265,7 @@ class PPOActing(ActingStudent):
         return {"normaliser": self.normaliser, "rollout": self.rollout.state(), "average": self.average}
 
     def restore_experience(self, experience: dict[str, Any]) -> None:
-        """Restore the values that `experience` returned after an episode."""
+        """Restore values that `experience` returned at the end of an episode."""
         self.normaliser = experience["normaliser"]
         self.rollout.restore(experience["rollout"])
         if experience["average"] is not None:

@@ -1,4 +1,4 @@
-"""Action selection and rollout worker of SAC, without torch."""
+"""Action selection and rollout worker of SAC, importable without torch."""
 
 import math
 from typing import Any
@@ -136,7 +136,7 @@ class SACActing(ActingStudent):
         return {"steps": self._steps}
 
     def restore_experience(self, experience: dict[str, Any]) -> None:
-        """Restore the values that `experience` returned after an episode."""
+        """Restore values that `experience` returned at the end of an episode."""
         self._steps, self._episode_steps = experience["steps"], 0
 
 

@@ -159,7 +159,7 @@ class StableBaselinesStudent(ActingStudent, Generic[H, M]):
         self._refresh()
 
     def changed(self, updates: int) -> None:
-        """Set the number of updates and refresh the acting networks; to call after changing parameters."""
+        """Set the number of updates and refresh the acting networks; call this after changing parameters."""
         self.model._n_updates = updates
         self._refresh()
 
