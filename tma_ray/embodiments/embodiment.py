@@ -65,7 +65,7 @@ class Polygon:
         return float(about_origin - self.area * np.sum(np.square(self.centroid)))
 
     def distance(self, point: Point) -> float:
-        """Return the largest signed distance of `point` from the lines of the edges, in m (<= 0 inside)."""
+        """Return the largest signed distance in m of `point` from the lines of the edges, <= 0 inside."""
         edges = np.roll(self.points, -1, axis=0) - self.points
         outwards = _cross(np.asarray(point) - self.points, edges) / np.hypot(edges[:, 0], edges[:, 1])
         return float(np.max(outwards))

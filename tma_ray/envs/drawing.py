@@ -43,7 +43,7 @@ REACH = 5.0  # distance in m over which ground and ceiling are averaged, for a s
 
 
 class Viewport(NamedTuple):
-    """Section of the world in a frame."""
+    """Section of the world that is visible in a frame."""
 
     left: float  # x of the left edge, in m
     bottom: float  # y of the lower edge, in m
@@ -143,7 +143,7 @@ class Canvas:
             pygame.draw.polygon(self.surface, outline, corners, 2 * SUPERSAMPLING)
 
     def dot(self, point: Floats, colour: Colour, radius: float) -> None:
-        """Draw a circle with a radius in pixels."""
+        """Draw a filled circle with a radius in pixels of a frame."""
         centre = self._pixels(self._cropped(point)).tolist()
         pygame.draw.circle(self.surface, colour, centre, radius * SUPERSAMPLING)
 
@@ -156,7 +156,7 @@ class Canvas:
         self.surface.blit(self._glass, (0, row), (0, 0, WIDTH * SUPERSAMPLING, height - row))
 
     def text(self, point: Floats, text: str, colour: Colour) -> None:
-        """Write text under a point (2,)."""
+        """Write text, centred below a point (2,)."""
         drawn = self._font.render(text, True, colour)
         self.surface.blit(drawn, drawn.get_rect(midtop=self._pixels(point).tolist()))
 

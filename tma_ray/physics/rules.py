@@ -1,4 +1,4 @@
-"""Rules of an environment, and arrays and signals of a body in it."""
+"""Rules of an environment, and the arrays and signals of a body under these rules."""
 
 from dataclasses import dataclass
 from typing import NamedTuple

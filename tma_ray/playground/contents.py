@@ -26,7 +26,7 @@ BODY_SIZES: Final = (0.6, 0.8, 1.25, 1.6)  # factors by which bodies can be resi
 
 
 def stored(values: NDArray[Any]) -> list[Any]:
-    """Return the C type, the shape and the flat values of an array."""
+    """Return the C type, the shape and the flattened values of an array."""
     return [C_TYPES[values.dtype.name], list(values.shape), values.ravel().tolist()]
 
 
@@ -107,7 +107,7 @@ def constants() -> dict[str, dict[str, Any]]:
 
 
 def space_record(space: TaskSpace) -> list[dict[str, Any]]:
-    """Return the dimensions of a task space."""
+    """Return the dimensions of a task space as JSON values."""
     return [
         {"name": dimension.name, "low": dimension.low, "high": dimension.high, "unit": dimension.unit}
         for dimension in space.dimensions

@@ -70,7 +70,7 @@ def page_html(policies: Sequence[dict[str, Any]], start: Start, names: Sequence[
 
 
 def _packed(data: dict[str, Any]) -> bytes:
-    """Return `data` compressed: the length of a JSON text, the text, and the arrays that it references.
+    """Return compressed `data`: the length of its JSON text, the text, and the arrays it references.
 
     Arrays are stored as the first bytes of all numbers, then the second ones, which compresses better.
     """

@@ -24,7 +24,7 @@ PAPER_BUDGET = 20_000_000  # budget, in environment steps, to which default size
 
 
 def for_budget(size: int, budget: int) -> int:
-    """Scale a buffer size, wait or interval from the paper's budget to `budget` environment steps.
+    """Scale a buffer size, delay or interval from the paper's budget to `budget` environment steps.
 
     The scale is the square root: a hundredth of the budget has a tenth of the refreshes, each from a tenth of
     the episodes.

@@ -51,12 +51,12 @@ class BetaProduct(NamedTuple):
 
     @property
     def mean(self) -> Array:
-        """Means (f,)."""
+        """Mean of each coordinate (f,)."""
         return self.alpha / (self.alpha + self.beta)
 
     @property
     def variance(self) -> Array:
-        """Variances (f,)."""
+        """Variance of each coordinate (f,)."""
         total = self.alpha + self.beta
         return self.alpha * self.beta / (total**2 * (total + 1))
 
@@ -114,7 +114,7 @@ SLACK = 1e-4  # tolerance of the constraints, in nats (divergence) or as a share
 
 @dataclass(frozen=True)
 class EntropyUpdate:
-    """Constrained optimisation problem of one update."""
+    """Constrained optimisation problem that an update solves."""
 
     present: BetaProduct  # current distribution
     points: Array  # coordinates of the played tasks (n, f)

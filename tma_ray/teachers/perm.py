@@ -139,7 +139,7 @@ class PERM(Teacher):
         return self._suitable(self.rng)
 
     def observe(self, episode: Episode) -> None:
-        """Store the task and return, and fit the model at the end of a window."""
+        """Store the episode, and fit the model at the end of a window."""
         self.history_.append((episode.task, episode.episodic_return))
         self.episodes_ += 1
         if self.episodes_ % self._window == 0:

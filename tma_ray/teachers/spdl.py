@@ -121,7 +121,7 @@ def self_paced_update(
         far = 1e-3
         while excess(far) < 0:
             far *= 2
-        reach = float(brentq(excess, 0.0, far)) * (1 - 1e-9)  # within the bound despite rounding
+        reach = float(brentq(excess, 0.0, far)) * (1 - 1e-9)  # to stay within the bound despite rounding
         within = float(minimize_scalar(loss, bounds=(0.0, reach), method="bounded").x)
         return moved(min((0.0, within, reach), key=loss)).placed_in(current)
 

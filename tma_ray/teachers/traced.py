@@ -18,7 +18,7 @@ RIDGE = 1.0  # weight, in steps, of the prior that observations do not change
 class TransitionModel:
     """Online ridge regression of changes in observations on observations and actions."""
 
-    memory: float  # discount of earlier episodes, in (0, 1]
+    memory: float  # discount factor of earlier episodes, in (0, 1]
     steps: float = 0.0  # weighted number of steps
     # second moments of the inputs (p, p); None before the first episode
     gram: Array | None = field(init=False, default=None)

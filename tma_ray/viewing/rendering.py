@@ -48,7 +48,7 @@ def check_picture(path: Path) -> None:
 
 
 def write_frames(path: Path, frames: Iterable[Frame], frames_per_second: Fraction) -> None:
-    """Write `frames` (at least one, all of one size) to `path` atomically, in the format of its suffix.
+    """Write `frames`, at least one and all of one size, to `path` atomically; its suffix sets the format.
 
     A .png contains the last frame only. Errors are those of `check_picture`.
     """
@@ -214,7 +214,7 @@ def render(settings: EpisodeSettings, output: Path) -> RenderedEpisode:
 
 
 def parse_task(text: str | None, space: TaskSpace, domain: TaskSpace, rng: np.random.Generator) -> Task:
-    """Parse the text of a task (d,).
+    """Parse a task (d,) from `text`.
 
     Args:
         text: "3,0.5", or "stump_height=3" with the other dimensions in the middle of `space`; None for the

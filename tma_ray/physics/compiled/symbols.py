@@ -62,7 +62,7 @@ def _function(name: str, result: types.Type, *arguments: types.Type) -> Any:
 
 
 def _vector_of(name: str) -> Any:
-    """Wrap the C function `name`, from a pointer to a cpVect, as a function that returns (x, y)."""
+    """Wrap the C function `name`, which maps a pointer to a cpVect, as a function that returns (x, y)."""
     _NAMES.append(name)
 
     @intrinsic

@@ -13,7 +13,7 @@ from tma_ray.students.sac import Transitions
 
 
 class _Track:
-    """Rows of one run's stored transitions; rows and transitions are numbered from when the run joined."""
+    """Index of the rows that hold a run's transitions; both are numbered from when the run joined."""
 
     def __init__(self) -> None:
         self.count, self.tail = 0, 0  # numbers of transitions and rows added so far

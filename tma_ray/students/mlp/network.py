@@ -59,7 +59,7 @@ def activate(outputs: torch.Tensor, activation: Activation) -> torch.Tensor:
 
 
 class Network:
-    """Network whose backward pass is faster than autograd's.
+    """Multilayer perceptron with a backward pass that is faster than autograd's.
 
     It equals `forward` over `split` up to rounding, but reuses the memory of hidden layers and skips rows
     without a gradient if only inputs need one, which saves a tenth of SAC's training step. Only the last of
