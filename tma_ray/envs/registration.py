@@ -68,7 +68,7 @@ def make_environment(name: str, **kwargs: Any) -> Environment:
 
 
 def box_spaces(environment: Environment) -> tuple[spaces.Box, spaces.Box]:
-    """Return the observation space and the action space of `environment`.
+    """Return the observation space and the action space of `environment`, which must be boxes.
 
     Raises:
         ValueError: if they are not boxes.

@@ -1,4 +1,4 @@
-"""Vector environments whose sub-environments have their own tasks and take a step in one compiled call."""
+"""Vector environments whose sub-environments, each with its own task, step in one compiled call."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial

@@ -82,7 +82,7 @@ def hung(terrain: Terrain, body: BodyArrays, step: StepArrays) -> Terrain:
 
 @cache
 def settled(embodiment: Embodiment, settings: SolverSettings) -> BodyArrays:
-    """Return the arrays of `embodiment` in a pose within joint limits, with stretched joints closed.
+    """Return `embodiment` as arrays, posed within its joint limits, with each joint's two anchors together.
 
     Bodies are drawn straight, which may be outside their limits. Box2D corrects that within the first step
     and without adding velocity; Chipmunk would add some, so the pose is computed in an empty space.
@@ -97,7 +97,7 @@ def settled(embodiment: Embodiment, settings: SolverSettings) -> BodyArrays:
 
 
 def _closed(body: BodyArrays, settings: SolverSettings) -> BodyArrays:
-    """Return `body` with its stretched joints closed, standing on the ground.
+    """Return `body` standing on the ground, with the two anchors of each joint brought together.
 
     Joints and contacts are corrected one after the other, as in Box2D, so that straight legs buckle; solving
     for all of them at once would lift the body onto stiff legs.
@@ -119,7 +119,7 @@ def _closed(body: BodyArrays, settings: SolverSettings) -> BodyArrays:
 
 
 def _still_space(body: BodyArrays, settings: SolverSettings) -> tuple[pymunk.Space, list[pymunk.Body]]:
-    """Return a space without gravity or momentum that contains `body`, and the body's parts."""
+    """Return a space that contains `body`, without gravity and with full damping, and the body's parts."""
     space = pymunk.Space()
     space.damping = 0.0
     parts = add_parts(space, body, np.zeros(2), settings.skin_radius)

@@ -69,10 +69,10 @@ SOLID, CREEPER, WATER = 0.0, 1.0, -1.0  # kinds of objects hit by a lidar; SOLID
 
 @kernel
 def cast_ray(x: float, y: float, ray: Floats, world: World) -> tuple[float, float]:
-    """Return the share of a ray's length at which it first hits an object, and the kind of object.
+    """Return the fraction of a ray's length at which it first hits an object, and the kind of object.
 
-    Without a hit, the share is 1. Objects that contain the start (x, y) are not hit. The end of `ray` (2,) is
-    relative to the start, in m.
+    Without a hit, the fraction is 1. Objects that contain the start (x, y) are not hit. The end of `ray` (2,)
+    is relative to the start, in m.
     """
     nearest = hit_fraction(x, y, ray, world.ground, GROUND_SIDE)
     if len(world.ceiling) > 0:
@@ -104,7 +104,7 @@ def first_segment(surface: Floats, x: float) -> int:
 
 @kernel
 def hit_fraction(x: float, y: float, ray: Floats, surface: Floats, side: float) -> float:
-    """Return the share of a ray's length at which it hits `surface` (m, 4), or 1 without a hit."""
+    """Return the fraction of a ray's length at which it hits `surface` (m, 4), or 1 without a hit."""
     nearest = 1.0
     reach = max(x, x + ray[0])
     index = first_segment(surface, min(x, x + ray[0]))
@@ -133,7 +133,7 @@ def creepers_between(left: float, right: float, world: World) -> tuple[int, int]
 
 @kernel
 def _creeper_fraction(x: float, y: float, ray: Floats, world: World) -> float:
-    """Return the share of a ray's length at which it first hits a creeper, or 1 without a hit."""
+    """Return the fraction of a ray's length at which it first hits a creeper, or 1 without a hit."""
     nearest = 1.0
     first, last = creepers_between(min(x, x + ray[0]), max(x, x + ray[0]), world)
     for index in range(first, last):
@@ -143,7 +143,7 @@ def _creeper_fraction(x: float, y: float, ray: Floats, world: World) -> float:
 
 @kernel
 def _box_fraction(x: float, y: float, ray: Floats, rectangle: Floats, pose: Floats) -> float:
-    """Return the share of a ray's length at which it hits a rectangle, or 1 without a hit.
+    """Return the fraction of a ray's length at which it hits a rectangle, or 1 without a hit.
 
     The ray is clipped by the rectangle's two pairs of sides, in the rectangle's axes.
     """
@@ -496,7 +496,7 @@ def _push(
     body: StepArrays,
     force: Floats,
 ) -> None:
-    """Add to `force` (3,) the push of an edge driven by the part's motor, unless its joint is at a limit."""
+    """Add to `force` (3,) the push of an edge driven by the motor of `joint`, unless it is at a limit."""
     first, second = body.joint_parts[joint]
     hinge, motion = body.hinges[joint], state[second]
     if not hinge[2] < motion[2] - state[first, 2] < hinge[3]:

@@ -100,14 +100,16 @@ class Rules(NamedTuple):
 
     environment: str  # name of the environment, which selects a body's critical parts
     lidars: LidarLayout  # directions of the rays
-    observes_medium: bool  # True if observations contain water, death and the kinds of objects that rays hit
+    # True if observations include flags for a head under water and for death, and the kind of object that
+    # each ray hits
+    observes_medium: bool
 
 
 class StepArrays(NamedTuple):
     """Constants of a body for the kernels: p parts, v corners, j motors, g grip sensors and r lidar rays."""
 
     head: int  # index of the head among the parts
-    observes_medium: int  # 1 if observations contain water and death, otherwise 0
+    observes_medium: int  # 1 if `Rules.observes_medium`, otherwise 0
     may_touch_ceiling: int  # 1 if critical parts may touch the ceiling, otherwise 0
     survivable: Integers  # steps that the body survives under water and outside it (2,), or NO_LIMIT
     critical: Integers  # 1 for parts whose contact ends the episode, otherwise 0 (p,)

@@ -179,7 +179,7 @@ def _buffers(layer: Any) -> dict[str, list[float]]:
 
 
 def _history(results: Results | None, spec: RunSpec) -> dict[str, Any]:
-    """Return a run's curriculum over time, and its test tasks with their mastery at the end."""
+    """Return a run's curriculum over time, and whether each test task was mastered at the last evaluation."""
     history: dict[str, Any] = {"curriculum": [], "tests": [], "tests_mastered": [], "mastered": None}
     if results is None:
         return history

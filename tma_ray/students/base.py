@@ -98,7 +98,7 @@ class Student(ABC):
 
     @abstractmethod
     def reset(self) -> None:
-        """Forget everything learned: new networks, new optimisers, no stored experience.
+        """Reinitialise the networks and optimisers, and discard all stored experience.
 
         Called between `observe` and `act`, also within an episode, which goes on. Normalising statistics
         stay, and the initial exploration is not repeated (both as in the original release).
@@ -106,9 +106,9 @@ class Student(ABC):
 
     @abstractmethod
     def save(self, folder: Path, incremental: bool = False) -> tuple[str, ...]:
-        """Write the complete state to `folder`, from which training resumes bit for bit.
+        """Write a checkpoint to `folder`, and return the names of unchanged files left out.
 
-        Called at the end of an episode.
+        Training resumes bit for bit from the checkpoint. Called at the end of an episode.
 
         Args:
             folder: an existing, empty folder of the student alone.
@@ -161,7 +161,7 @@ class Student(ABC):
 
 
 def checked_spaces(observation_space: Space[Any], action_space: Space[Any]) -> tuple[spaces.Box, spaces.Box]:
-    """Return both spaces, checked to be one-dimensional float32 boxes, with a bounded action space."""
+    """Check that both spaces are one-dimensional float32 boxes and actions are bounded; return them."""
     boxes = _checked_box(observation_space, "observation"), _checked_box(action_space, "action")
     if not boxes[1].is_bounded():
         raise ValueError(f"action space {boxes[1]}: expected finite bounds")

@@ -218,7 +218,7 @@ POLICY = "ppo"  # name of the student in saved policies, including those of `Sto
 
 
 class PPO(PPOActing, StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
-    """Proximal policy optimisation with 5 epochs on every 2,000 steps.
+    """Proximal policy optimisation (PPO), by default with 5 epochs on every 2,000 steps.
 
     Observations and rewards are normalised with running statistics, which evaluation does not change and a
     reset keeps. The greedy action is the mean, clipped to the action space (the original release evaluates

@@ -27,7 +27,7 @@ class Proposal:
 
 @dataclass
 class EpisodeSoFar:
-    """Steps and return so far of an unfinished episode.
+    """Running step count and return of an unfinished episode.
 
     Attributes:
         steps: number of steps so far.

@@ -58,7 +58,10 @@ class ACCEL(PrioritisedReplay):
         return Proposal(task, trains=False)
 
     def new_tasks(self, rng: np.random.Generator, count: int | None = None) -> Task:
-        """Return a new task (d,) or `count` (count, d): initial at high knowledge, otherwise uniform."""
+        """Return a new task (d,), or `count` new tasks (count, d).
+
+        They are drawn from the initial Gaussian at high expert knowledge, otherwise uniformly.
+        """
         if self.knowledge.level is KnowledgeLevel.HIGH:
             return self.knowledge.initial.sample(self.space, rng, count)
         return super().new_tasks(rng, count)

@@ -21,11 +21,12 @@ class Boundary(NamedTuple):
 
 @dataclass
 class ADR(Teacher):
-    """Box of uniform tasks, at first a single task, that grows at boundaries on which the student does well.
+    """Teacher that samples uniformly from a box that grows where returns on its boundary are high.
 
-    With probability `boundary_share` one coordinate of a task is set to a random boundary of the box, and the
-    return is queued for that boundary. The mean of a full queue moves the boundary out at `expand_at` or
-    more, in at `shrink_at` or less, but not beyond the task space or the opposite boundary.
+    The box begins as a single task. With probability `boundary_share` one coordinate of a task is set to a
+    random boundary of the box, and the return is queued for that boundary. The mean of a full queue moves the
+    boundary out at `expand_at` or more, in at `shrink_at` or less, but not beyond the task space or the
+    opposite boundary.
 
     Sources: OpenAI 2019 (Solving Rubik's Cube with a Robot Hand), algorithm 1; paper, appendix A and
     table of hyper-parameters. The paper's text grows the box at `shrink_at` and once inverts the test for

@@ -94,7 +94,7 @@ class AbsoluteLearningProgress:
 
 @dataclass
 class ALPGMM(MixtureTeacher):
-    """Gaussian mixture that samples where the absolute learning progress of recent tasks is high.
+    """Teacher that samples a Gaussian mixture where the absolute learning progress of recent tasks is high.
 
     Absolute learning progress (ALP) is a further coordinate of each task; a component is chosen in proportion
     to its mean ALP.

@@ -25,7 +25,7 @@ class CovarianceProgress(StrEnum):
 
 @dataclass
 class CovarGMM(MixtureTeacher):
-    """Gaussian mixture that samples where the returns of recent tasks change with time.
+    """Teacher that samples a Gaussian mixture where the returns of recent tasks change with time.
 
     Time and return are further coordinates of each task; a component is chosen in proportion to their
     covariance. Time is the index of the episode in a fit, scaled to [0, 1).

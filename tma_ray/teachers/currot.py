@@ -59,7 +59,7 @@ def moved(
     radius: float,
     rng: np.random.Generator,
 ) -> Array:
-    """Move `particles` (n, f) towards their `targets` (n, f) where the expected return is high enough.
+    """Return `particles` (n, f), moved towards `targets` (n, f) as far as expected returns allow.
 
     Both are in the unit box. Candidates are points in a ball of `radius` around the particle, in the half
     towards its target if the particle's expected return is at least `least`. The nearest candidate to the
@@ -166,7 +166,7 @@ JITTER = 1e-3  # half width of a task's uniform noise, as a share of each range 
 
 @dataclass
 class CURROT(DistributionTeacher):
-    """Particles that move towards a target distribution, as far as the student's returns allow.
+    """Teacher that samples from particles, which move towards a target distribution as returns allow.
 
     A task is a random particle. Every `update_every` episodes an optimal assignment gives each particle a
     uniform random target; it moves to the nearest point in a ball around it with an expected return of at

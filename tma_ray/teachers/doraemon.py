@@ -145,7 +145,7 @@ class EntropyUpdate:
         return BetaProduct.of_logs(logs).entropy()
 
     def success(self, logs: Array) -> tuple[float, Array]:
-        """Estimate the expected share of successes and its gradient by importance sampling."""
+        """Return the expected success rate and its gradient, estimated by importance sampling."""
         old, _ = self.present.log_densities(self.points)
         new, gradients = BetaProduct.of_logs(logs).log_densities(self.points)
         weights = np.exp(new - old) * self.successes / len(self.points)
@@ -181,7 +181,7 @@ class EntropyUpdate:
 
 @dataclass
 class DORAEMON(DistributionTeacher):
-    """Independent Beta distributions that widen as long as the student masters enough of their tasks.
+    """Teacher that samples independent Beta distributions, which widen while enough tasks are mastered.
 
     Every update maximises the entropy within a bound on the divergence from the old distribution, such that
     the expected share of mastered tasks, estimated by importance sampling from the episodes since the last
@@ -226,7 +226,10 @@ class DORAEMON(DistributionTeacher):
         for_budget(self.update_every, self.budget)
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
-        """Start with a narrow distribution around the mean of the initial Gaussian, or a uniform one."""
+        """Start with a narrow or, if `start_from_wide_uniform` is True, a uniform distribution.
+
+        The narrow one, always used at high knowledge, has its mode at the mean of the initial Gaussian.
+        """
         super().start(space, knowledge, rng)
         self._box = UnitBox(space)
         mode = np.clip(self._box.normalise(knowledge.initial.mean), 0.0, 1.0)

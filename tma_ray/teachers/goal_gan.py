@@ -15,7 +15,7 @@ from tma_ray.teachers.numerics import Array, UnitBox
 
 @dataclass
 class GoalGAN(Teacher):
-    """Generative adversarial network that proposes tasks of intermediate difficulty.
+    """Teacher that samples tasks of intermediate difficulty from a generative adversarial network.
 
     A new task is played `rollouts` times in a row and labelled positive if its share of successes is in
     [`least_success`, `most_success`]. Positive tasks far from all others enter a buffer, the source of some

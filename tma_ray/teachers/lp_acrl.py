@@ -24,7 +24,7 @@ def split_evenly(dimensions: int, most_cells: int) -> tuple[int, ...]:
 
 @dataclass
 class LPACRL(DistributionTeacher):
-    """Grid of cells, sampled by a softmax of their learning progress between stages.
+    """Teacher that samples grid cells by a softmax of their learning progress between stages.
 
     The learning progress of a cell in stage j is R_j - R_{j-1}, with R_j the mean return in the cell. The
     next stage draws cells with the probabilities softmax(progress / temperature), and a uniform task of the

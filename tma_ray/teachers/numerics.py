@@ -1,4 +1,4 @@
-"""Numerical functions of several teachers: random choices, scaling, and Gaussians fitted to tasks."""
+"""Numerical functions shared by teachers: random choices, scaling, and Gaussians fitted to tasks."""
 
 from contextlib import AbstractContextManager
 from functools import cache

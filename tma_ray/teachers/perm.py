@@ -77,12 +77,13 @@ def _most_probable(design: Array, responses: Array, precision: Array) -> Array:
 
 @dataclass
 class PERM(Teacher):
-    """Tasks whose difficulty matches the student's ability, both estimated by an item-response model.
+    """Teacher that samples tasks whose difficulty matches the student's ability.
 
-    The model explains returns, scaled to [0, 1], by the student's ability minus the difficulty of the task.
-    It is fitted to the latest windows of episodes, each with its own ability. Difficulty is a weighted sum
-    of Gaussian bumps in the task space, each with mean 0. A task is the uniform candidate whose difficulty is
-    nearest to the latest ability. Before the first fit tasks are uniform.
+    An item-response model estimates both; it explains returns, scaled to [0, 1], by the student's ability
+    minus the difficulty of the task. It is fitted to the latest windows of episodes, each with its own
+    ability. Difficulty is a weighted sum of Gaussian bumps in the task space, each with mean 0. A task is the
+    uniform candidate whose difficulty is nearest to the latest ability. Before the first fit tasks are
+    uniform.
 
     Sources: Tio and Varakantham 2023 (arXiv:2306.13028) for the idea of latent ability and difficulty,
     inferred from returns and parameters, and difficulty matched to ability. Its equations could not be read,

@@ -8,7 +8,7 @@ from tma_ray.teachers.prioritised_replay import PrioritisedReplay
 
 @dataclass
 class PLR(PrioritisedReplay):
-    """Prioritised replay of tasks by score rank and staleness; the student also learns from new tasks.
+    """Teacher that replays tasks by score rank and staleness; the student also learns from new tasks.
 
     Source: Jiang et al. 2021a, algorithm 1, with the buffer and the scores of 2021b, appendix C.
     """

@@ -126,7 +126,7 @@ class TaskBuffer:
 
     @property
     def filled(self) -> float:
-        """Filled share of the capacity."""
+        """Fraction of the capacity in use."""
         return len(self) / self.capacity
 
     def chances(self) -> Array:
@@ -289,7 +289,7 @@ class PrioritisedReplay(Teacher):
         return positive_value_loss(trajectory, values, self.gae_lambda)
 
     def count_in(self, episode: Episode, values: Array) -> int | None:
-        """Score the task of `episode` by the `values` of its states; return its slot, or None without one."""
+        """Score the task of `episode` by state `values`; return the buffer slot, or None if not stored."""
         best, slot, trajectory = episode.discounted_return, self.replayed_, self.trajectory_
         mastered = episode.success
         assert trajectory is not None, "its states have been valued"

@@ -31,7 +31,7 @@ def similarity(points: Array, targets: Array, reach: float) -> Array:
 
 
 def proximity(values: Array, target_values: Array, similarities: Array) -> Array:
-    """Return the scores (n,) of tasks, high for tasks of medium difficulty near targets of medium difficulty.
+    """Return the scores (n,) of tasks, high at medium difficulty and near targets of medium difficulty.
 
     The score of a task c is the maximum of V(c) (1 - V(c)) V(t) (1 - V(t)) k(c, t) over targets t.
 
@@ -46,7 +46,7 @@ def proximity(values: Array, target_values: Array, similarities: Array) -> Array
 
 @dataclass
 class ProCuRLTarget(DistributionTeacher):
-    """Pool of tasks, sampled by a softmax of scores for medium difficulty and similarity to target tasks.
+    """Teacher that samples a pool of tasks by a softmax of scores, high at medium difficulty near targets.
 
     The score of a task is its `proximity`. Values are expected returns, scaled to [0, 1] and estimated by
     kernel averages of the returns since the last update. Before the first update tasks are uniform.

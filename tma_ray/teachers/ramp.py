@@ -23,7 +23,7 @@ LOG_EVERY = 100  # number of episodes between two log rows
 
 @dataclass
 class Ramp(DistributionTeacher):
-    """Gaussian that moves from the initial to the target distribution on a fixed schedule.
+    """Teacher that samples a Gaussian moving from the initial to the target distribution on a schedule.
 
     Mean and standard deviation change linearly until environment step `steps`; later tasks come from the
     target distribution. It is a reference for the gain of a curriculum whose difficulty lies along the axes.

@@ -11,7 +11,7 @@ from tma_ray.teachers.base import DistributionTeacher
 
 @dataclass
 class Random(DistributionTeacher):
-    """Uniform tasks of the task space, without expert knowledge (paper, appendix A)."""
+    """Teacher that samples the task space uniformly, without expert knowledge (paper, appendix A)."""
 
     overlapping: ClassVar[bool] = True
     algorithm_version: ClassVar[int | None] = 1

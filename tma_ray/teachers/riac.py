@@ -24,7 +24,7 @@ class Cut(NamedTuple):
 
 @dataclass(frozen=True)
 class Split:
-    """Cut of a region, with the indices of its left and right parts."""
+    """Cut of a region, with the indices of the two resulting regions."""
 
     cut: Cut
     left: int
@@ -169,7 +169,7 @@ FORGOTTEN = 4  # capacity of a region over the number of episodes dropped withou
 
 @dataclass
 class RIAC(Teacher):
-    """Regions of the task space, sampled in proportion to their absolute learning progress (ALP).
+    """Teacher that samples regions of tasks in proportion to their absolute learning progress (ALP).
 
     A full region is cut in two where the parts differ most in ALP. A task is uniform in a region, chosen by
     ALP among all, divided ones included, or uniform over the task space, or a mutation of the task of lowest

@@ -25,7 +25,7 @@ class Proposals:
 
 @dataclass
 class SetterSolver(Teacher):
-    """Setter network that proposes tasks of requested feasibility, as predicted by a judge network.
+    """Teacher whose setter network proposes tasks of requested feasibility, as predicted by a judge network.
 
     Both networks take one optimisation step every `update_every` episodes. The judge learns to predict
     successes. The setter learns to propose tasks with the requested feasibility according to the judge

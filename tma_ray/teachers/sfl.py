@@ -23,7 +23,7 @@ from tma_ray.teachers.numerics import cloud_gaussian
 
 @dataclass
 class SFL(Teacher):
-    """Tasks of highest learnability, found by regular evaluations of random tasks.
+    """Teacher that samples tasks of highest learnability, found by regular evaluations of random tasks.
 
     The learnability of a task that the student masters with frequency p is p (1 - p). After the first
     episode, and then every `refresh_every` episodes, the student plays `rollouts` episodes of each of

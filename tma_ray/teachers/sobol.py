@@ -15,7 +15,7 @@ BLOCK_SIZE = 256  # points computed at once; only a power of 2 gives balanced bl
 
 @dataclass
 class Sobol(Teacher):
-    """Scrambled Sobol sequence of tasks, which covers the space more evenly than random tasks.
+    """Teacher that proposes a scrambled Sobol sequence, which is more evenly spread than random tasks.
 
     Sources: Sobol 1967; direction numbers of Joe and Kuo 2008, scrambling of Matousek 1998, as in scipy.
     """

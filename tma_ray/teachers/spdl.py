@@ -153,7 +153,7 @@ LARGEST_PENALTY = 1e5  # upper bound of alpha, reached near the target distribut
 
 @dataclass
 class SPDL(DistributionTeacher):
-    """Gaussian that moves from an initial to a target distribution as the student's state values rise.
+    """Teacher that samples a Gaussian, which moves to a target distribution as the state values rise.
 
     Every update maximises the mean value of the tasks' initial states minus a penalty for the divergence from
     the target, within a bound on the divergence from the old Gaussian. The weight alpha of the penalty is

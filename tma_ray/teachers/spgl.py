@@ -128,9 +128,9 @@ def widened(gaussian: FullGaussian) -> FullGaussian:
 
 @dataclass
 class SPGL(SPDL):
-    """Gaussian that moves from an initial to a target distribution by closed-form updates as returns rise.
+    """SPDL with closed-form updates, based on a quadratic model of returns in place of state values.
 
-    It is SPDL with a quadratic model of returns in place of the student's values.
+    A Gaussian moves from an initial to a target distribution as returns rise.
 
     Sources: Ardakani and Song 2026 (arXiv:2603.23755) for the idea of closed-form updates of Gaussians; their
     formula could not be read. The one here is derived from the objective of Klink et al. 2020, with the

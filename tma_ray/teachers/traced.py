@@ -111,7 +111,7 @@ class TRACED(ACCEL):
         return loss + self.error_weight * self.transitions_.error(trajectory)
 
     def count_in(self, episode: Episode, values: Array) -> int | None:
-        """Score the task of `episode` by the `values` of its states; return its slot, or None without one."""
+        """Score the task of `episode` by state `values`; return the buffer slot, or None if not stored."""
         replayed = self.replayed_ is not None
         slot = super().count_in(episode, values)
         if slot is None:

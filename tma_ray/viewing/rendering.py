@@ -188,7 +188,7 @@ class RenderedEpisode(EpisodeSoFar):
 
 
 def render(settings: EpisodeSettings, output: Path) -> RenderedEpisode:
-    """Render an episode to `output`, an .mp4, a .gif, or a .png of its last frame.
+    """Render an episode to `output` (.mp4, .gif, or .png of the last frame), and return its final state.
 
     Raises:
         ValueError: if the file cannot be written, the policy is unknown or does not fit, the environment
@@ -214,7 +214,7 @@ def render(settings: EpisodeSettings, output: Path) -> RenderedEpisode:
 
 
 def parse_task(text: str | None, space: TaskSpace, domain: TaskSpace, rng: np.random.Generator) -> Task:
-    """Parse a task (d,) from `text`.
+    """Return the task (d,) described by `text`, which may request a random one.
 
     Args:
         text: "3,0.5", or "stump_height=3" with the other dimensions in the middle of `space`; None for the

@@ -118,8 +118,9 @@ class CompiledEngine:
 LINE = 8  # number of integers in a cache line
 
 DONE, FAILED, END, CALL, LEFT = 0, 8, 9, 16, 24
-"""Indices into a board: steps done, steps that failed, 1 to end the threads, sizes and addresses of a call;
-from LEFT on, one cache line apart, the number of tickets left in each thread's share."""
+"""Indices into `board`, an array shared by all threads: steps done, steps that failed, 1 to end the threads,
+sizes and addresses of a call; from LEFT on, one cache line apart, the number of worlds that each thread has
+yet to step."""
 
 PATIENCE = 200  # polls before an idle thread sleeps, about 0.1 ms in all, since waking it is slow
 
@@ -149,7 +150,7 @@ _add, _exchange = _atomic("add"), _atomic("xchg")
 
 @kernel
 def _work(board: Integers, thread: int) -> None:
-    """Step worlds until none is left, starting with those of `thread`, which are in its CPU cache."""
+    """Step the remaining worlds of a call, those in the CPU cache of `thread` first."""
     threads = (len(board) - LEFT) // LINE
     for turn in range(threads):
         owner = (thread + turn) % threads
@@ -163,7 +164,7 @@ def _work(board: Integers, thread: int) -> None:
 
 @kernel
 def _step_row(board: Integers, row: int) -> None:
-    """Step world number `row` of the call whose arguments are on the `board`."""
+    """Step world `row` of the call whose arguments are stored in `board`, the array shared by all threads."""
     worlds, acting, seen = board[CALL : CALL + 3]
     addresses_at, actions_at, observations_at, rewards_at, ended_at = board[CALL + 3 : CALL + 8]
     addresses = carray(cp.as_pointer(addresses_at), (worlds, 4), np.int64)
@@ -183,7 +184,7 @@ def _step_row(board: Integers, row: int) -> None:
 
 @partial(kernel, nogil=True)
 def _serve(board: Integers, lock: int, thread: int) -> None:
-    """Main loop of a thread: step worlds of every call until `END` is set on the `board`."""
+    """Main loop of a thread: step worlds of every call until `END` is set in the shared array `board`."""
     while board[END] == 0:
         _work(board, thread)
         polls = 0
@@ -299,7 +300,7 @@ class EngineBatch:
 
 
 def _end(board: Integers, locks: Integers, crew: Sequence[Thread]) -> None:
-    """Stop the threads of `crew`, then free their locks."""
+    """Stop the worker threads `crew`, then free their locks."""
     board[END] = 1
     _wake(locks)
     for thread in crew:

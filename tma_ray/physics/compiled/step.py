@@ -38,7 +38,7 @@ SUBSTEPS, MOTOR_SUBSTEPS, COUNT_CONTACT, TERRAIN = 9, 10, 11, 12
 
 
 class Memory(NamedTuple):
-    """Arguments of a compiled step in two vectors: body, state, and addresses of the world's arrays.
+    """Body, simulation state and addresses of a world's arrays, packed in two vectors for a compiled step.
 
     Unboxing twenty arrays would take numba longer than Chipmunk takes to simulate a body.
     """

@@ -14,12 +14,15 @@ from tma_ray.students.hyperparameters import MatmulPrecision
 
 
 def batching_is_faster(device: torch.device, precision: MatmulPrecision, compiled: bool | str) -> bool:
-    """Return True if batched matrix products are faster: always, except in eager float32 on a CPU."""
+    """Return True if updating runs together is faster than updating them one after the other.
+
+    This is always the case, except in eager float32 on a CPU.
+    """
     return device.type != "cpu" or bool(compiled) or precision == MatmulPrecision.MEDIUM
 
 
 class StackedLearner(ABC):
-    """Learner of many runs, one per slot; the results of a run do not depend on the others, bit for bit.
+    """Learner of many runs, one per slot; the results of a run are bitwise independent of other runs.
 
     An update trains all runs with updates due, at the full width: idle slots take part in the products
     without changing. Where that does not pay, runs are updated one after the other.

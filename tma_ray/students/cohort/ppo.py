@@ -90,7 +90,7 @@ class StackedPPO(StackedLearner):
             memory[slot].zero_()
 
     def store(self, slot: int, columns: Sequence[NDArray[np.float32]], orders: NDArray[np.integer]) -> None:
-        """Store a rollout's `columns` and permutations, `orders` (epochs, n); mark its updates as due."""
+        """Store a rollout's `columns` and the permutations `orders` (epochs, n); mark its updates as due."""
         assert not self.owed[slot]
         rows = np.concatenate([column.reshape(len(column), -1) for column in columns], axis=1)
         self._memory[slot].copy_(upload(rows, self._device))

@@ -183,7 +183,7 @@ class LearnerLink:
         return weights
 
     def ask(self, request: str, *arguments: Any, follows: Callable[[Any], None] = lambda _: None) -> Any:
-        """Send a request, call `follows` to send more, and return the reply.
+        """Send a request, call `follows` with the connection to send further data, and return the reply.
 
         Requests, with their arguments and replies, are
 

@@ -130,7 +130,7 @@ def make_model(
 
 
 def acting_tensors(model: BaseAlgorithm) -> dict[str, torch.Tensor]:
-    """Return the tensors of the greedy policy of `model`, by their names in its state dict.
+    """Return the tensors of the greedy policy, named as in the state dict of the policy of `model`.
 
     For off-policy algorithms of the libraries that is the actor, for any other the whole state.
     """
@@ -176,7 +176,7 @@ def student_of(name: str) -> type[Student]:
 
 
 def as_student(algorithm: type[BaseAlgorithm]) -> type[Student]:
-    """Return a student class for `algorithm`, which must support continuous actions and may be your own.
+    """Return a student class for `algorithm`, which must support continuous actions; it may be user-defined.
 
     Its hyper-parameters are the constructor's arguments, with those of base constructors that it passes
     ``**keywords`` to.

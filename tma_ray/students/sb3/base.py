@@ -1,4 +1,4 @@
-"""Base class of students on top of stable-baselines3, with random generators, updates and files."""
+"""Base class of students on top of stable-baselines3: random generators, updates and checkpoints."""
 
 import json
 from abc import abstractmethod
