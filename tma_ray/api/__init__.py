@@ -1,4 +1,4 @@
-"""Functions that train runs and campaigns, exported by `tma_ray` for notebooks, services and searches."""
+"""Functions that train runs and execute campaigns from Python; exported by `tma_ray`."""
 
 import tempfile
 from collections.abc import Callable
@@ -27,7 +27,7 @@ Policy = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 
 @dataclass(frozen=True, eq=False)
 class TrainedRun:
-    """Finished training run.
+    """Finished training run, with its scores, learning curve and policy.
 
     Attributes:
         run_id: id of the run.

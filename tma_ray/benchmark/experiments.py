@@ -156,7 +156,7 @@ LITE_2_SIZE = Size(evaluation_interval=125_000, probe_interval=250_000, training
 
 
 def _decisive(matrices: Sequence[Matrix], *teachers: str) -> tuple[Matrix, ...]:
-    """Return `matrices` with the student chosen by the pilot, evaluated on every second test task."""
+    """Return `matrices` for `teachers` and the pilot's student, evaluated on every second test task."""
     student = ("ppo:preset=decisive",)
     return tuple(replace(m, students=student, test_every=2, teachers=teachers) for m in matrices)
 
@@ -189,7 +189,10 @@ LONG_TEACHERS = (
 
 
 def _long(matrix: Matrix, seeds: int, *teachers: str) -> Matrix:
-    """Return `matrix` at the paper's budget, with its first seeds and its highest knowledge level."""
+    """Return `matrix` reduced to its first seeds and highest knowledge level, at the paper's budget.
+
+    Without `teachers`, those in `LONG_TEACHERS` are used. Students and tests are those of `_decisive`.
+    """
     return replace(
         matrix,
         students=("ppo:preset=decisive",),

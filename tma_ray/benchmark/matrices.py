@@ -14,7 +14,7 @@ from tma_ray.tasks import KnowledgeLevel
 
 @dataclass(frozen=True)
 class Grid:
-    """Grid of hyper-parameters.
+    """Grid of hyper-parameters, with the point chosen in the paper.
 
     Attributes:
         values: values of each hyper-parameter.

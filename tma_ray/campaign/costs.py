@@ -54,7 +54,8 @@ student, device and precision, on one core of the table's machine or an H100
 (benchmarks/measured/2026-11.md)."""
 
 PLAYER_SPEEDS: Final = 30_000.0, 20_000.0
-"""Steps per second of a cohort's player on one core of the same machine, in training and in evaluations."""
+"""Steps per second of a rollout worker in a cohort, on one core of the same machine, in training and in
+evaluations."""
 
 MEASURED_SECONDS = 0.6
 """Shortest measurement, s, after a warm-up of half that time."""
@@ -88,7 +89,8 @@ class Throughput:
 
     Attributes:
         label: student, environment and body.
-        training: environment steps per second in training; in a cohort, those of a player that never waits.
+        training: environment steps per second in training; in a cohort, those of a rollout worker
+            that never waits.
         playing: environment steps per second of an evaluation.
         transition_bytes: size of one transition in a replay buffer.
         learner: environment steps per second that a full cohort's learner sustains; 0 without a cohort.
@@ -119,7 +121,7 @@ def label_of(spec: RunSpec) -> str:
 def known_speeds(
     examples: Mapping[SpeedKey, RunSpec], config: ExecutionConfig, at_once: int
 ) -> Mapping[SpeedKey, Throughput]:
-    """Return the speed of each kind of run: from the table, scaled to this machine, or else measured.
+    """Return the speed of each kind of run, scaled from the table, or measured if the table lacks it.
 
     Raises:
         ValueError: if a measured run fails.
@@ -301,7 +303,7 @@ class Cost:
 
     Attributes:
         throughputs: speed of each kind of run.
-        hours: sequential time of all runs, or of players in cohorts, h.
+        hours: sequential time of all runs, or of rollout workers in cohorts, h.
         core_hours: core time, including learners, h.
         gpu_hours: GPU time, h.
         wall_hours: wall time on the nodes, h.
@@ -326,7 +328,7 @@ class Cost:
     memory_gib: float
 
     def summary(self) -> str:
-        """Describe the estimated time in one line."""
+        """Describe the estimated core-hours, GPU-hours and duration in one line."""
         spent = f"{hours_text(self.core_hours)} core-hours"
         if self.gpu_hours:
             spent += f" and {hours_text(self.gpu_hours)} GPU-hours"
@@ -424,7 +426,7 @@ def estimate(
 
 
 def _learners_and_cores(config: ExecutionConfig, nodes: Nodes, runs: int) -> tuple[int, float]:
-    """Return the number of cohorts for `runs` runs on `nodes`, and the number of cores left for players."""
+    """Return the number of cohorts for `runs` runs on `nodes`, and of cores left for rollout workers."""
     player = config.player.cpus
     learners, free = 0, 0.0
     for node in nodes.resources:
@@ -483,7 +485,7 @@ def unfinished(plan: Plan, results: str) -> Plan:
 
 
 def _main() -> None:
-    """Measure the runs given on standard input, one after the other."""
+    """Measure the runs given on standard input, and write their speeds to standard output as JSON."""
     contents_of_specs, config, files, search_path = pickle.load(sys.stdin.buffer)
     sys.path[:] = dict.fromkeys((*sys.path, *search_path))
     provide(files)

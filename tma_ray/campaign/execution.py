@@ -152,7 +152,7 @@ def _cause(error: RayError) -> Exception:
 
 
 def check_feasible(resources: Resources) -> None:
-    """Check that some node has the resources of a run; without one, Ray would queue the run forever.
+    """Check that some node has the resources of a run; otherwise Ray would queue it forever.
 
     Raises:
         ValueError: if a run needs more than any node has.

@@ -72,7 +72,7 @@ LONGEST_LOSS_PAUSE = 300.0  # longest pause before another attempt at a lost run
 
 
 class Retries:
-    """Lost runs that wait for another attempt.
+    """Queue of lost runs that wait for another attempt.
 
     Each loss of a run doubles the pause before its next attempt, so that a persistent cause (too little
     memory, a broken mount) does not occupy the cluster.

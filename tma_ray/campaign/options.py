@@ -486,7 +486,10 @@ def campaign_defaults(campaign: CampaignSpec) -> dict[str, str]:
 
 
 def chosen_campaign(campaign: CampaignSpec, options: CampaignOptions) -> CampaignSpec:
-    """Return `campaign` with its cells' values replaced by those of `options`, in all combinations."""
+    """Return `campaign` with cells, seeds and schedule changed by `options`.
+
+    Every cell is repeated for each combination of the values in `options`; duplicates are left out.
+    """
     choices: dict[str, Sequence[Any] | None] = {
         "environment": (options.environment,) if options.environment else None,
         "challenge": options.challenges,

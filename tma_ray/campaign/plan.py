@@ -63,7 +63,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class CampaignSpec:
-    """Set of cells to run, with seeds and a budget.
+    """Set of cells to run, with seeds and a schedule.
 
     Attributes:
         name: letters, digits, "_" and "-"; part of file names.

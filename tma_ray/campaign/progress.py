@@ -125,7 +125,7 @@ class PublishedProgress:
         self._heartbeat = heartbeat
 
     def update(self, snapshot: Snapshot) -> None:
-        """Show the latest snapshot."""
+        """Write a heartbeat if one is due, and show the latest snapshot."""
         running = {
             run.run_id: RunProgress(run.status.step, run.status.steps_per_second) for run in snapshot.running
         }
@@ -133,7 +133,7 @@ class PublishedProgress:
         self._view.update(snapshot)
 
     def close(self, snapshot: Snapshot) -> None:
-        """Show the final snapshot."""
+        """Write the final heartbeat, and show the final snapshot."""
         self._heartbeat.end()
         self._view.close(snapshot)
 
@@ -214,7 +214,7 @@ class RunState:
 
 @dataclass(frozen=True)
 class Overview:
-    """State of a results root.
+    """State of the campaigns in a results root, with the last heartbeat and the trial, if any.
 
     Attributes:
         campaigns: runs by campaign and cell (values of `CELL_COLUMNS`).

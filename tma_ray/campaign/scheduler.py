@@ -23,7 +23,7 @@ logger = logging.getLogger(__name__)
 
 @dataclass
 class _Running:
-    """A run with its current attempt and latest report."""
+    """Run under way, with its current attempt and latest report."""
 
     spec: RunSpec
     number: int
@@ -32,7 +32,7 @@ class _Running:
 
 
 class Scheduler:
-    """Scheduler of runs on an executor.
+    """Scheduler that starts runs on an executor, commits their results and retries lost runs.
 
     A new attempt resumes a lost run from its newest checkpoint. A run that raises is marked as failed, with
     its traceback. `keep_lease` is called before every commit, and raises if another campaign holds the root.

@@ -45,7 +45,7 @@ class Campaign(CampaignSpec):
     """Campaign with the command line `main` for scripts; see `CampaignSpec` for its attributes."""
 
     def main(self, arguments: Sequence[str] | None = None) -> None:
-        """Run the campaign as a script with the shared options, and exit.
+        """Run the campaign with options from the command line, and exit with a code for the outcome.
 
         Exit codes: 0, all runs are done; 1, some failed, or the storage did; 2, refused before anything ran;
         75, Ray died or was stopped, resumable; 130, stopped, resumable.

@@ -25,7 +25,7 @@ COHORT_WIDTH = CohortSettings.width  # default number of slots of a cohort on a 
 
 
 class TeacherPlacement(StrEnum):
-    """Placement of teachers; it does not affect results."""
+    """Process in which a run's teacher executes; it does not affect results."""
 
     ACTOR = "actor"
     """In a separate actor on the run's node."""
@@ -96,7 +96,7 @@ PLAYER = Resources(cpus=0.25, memory_gib=0.5)
 
 @dataclass(frozen=True)
 class ExecutionConfig:
-    """Configuration of a campaign's execution.
+    """Configuration of a campaign's execution: resources, device, checkpoints and fault tolerance.
 
     Attributes:
         resources: resources of one run that learns alone.

@@ -76,7 +76,7 @@ class SimulatedRoot:
         return played_runs(Results(self._committer.store), done)
 
     def add(self, run: SimulatedRun) -> None:
-        """Write a run unless the root already has it."""
+        """Write a run, and the source of its teacher's plug-in, unless the root already has them."""
         record = _record(run, self._episodes)
         plugin = TEACHERS.plugin(run.teacher)
         if plugin is not None:

@@ -64,7 +64,7 @@ class TrialRuns:
 
 
 def affordable_look(trial: TrialRuns, cost: Cost | None) -> int | None:
-    """Return the index of the last interim look within the budget, or None for all looks."""
+    """Return the index of the last interim look within the budget, or None if all looks can run."""
     if cost is None or not trial.budget:
         return None
     hours = [trial.hours(plan, cost) for plan in trial.remaining()]

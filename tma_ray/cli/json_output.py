@@ -1,4 +1,4 @@
-"""JSON output of commands, with stable keys and with null for missing numbers."""
+"""JSON output of commands, with stable keys, and null for missing numbers."""
 
 from __future__ import annotations
 

@@ -145,7 +145,7 @@ class _Trial:
     affordable: int | None = None
 
     def judge(self) -> bool:
-        """Print and write the verdicts of new interim looks, and return True if the trial ends."""
+        """Print new verdicts, save the trial and its page, and return True if the trial ends."""
         from analysis.data.loading import frames_of
         from analysis.pages.page import page_folder
         from analysis.pages.trial import write_trial

@@ -163,7 +163,7 @@ def config_dict(record: Any) -> dict[str, Any]:
 def to_json(value: Any) -> Any:
     """Return `value` with enums, paths, numpy scalars, tuples and sets converted to JSON types.
 
-    Enums become their value if that is text or a number, else their name.
+    Enums become their value if that is a string or a number, else their name.
     """
     if isinstance(value, Enum):
         scalar = Flag, str, int, float

@@ -1,4 +1,4 @@
-"""Curriculum of a teacher for any training loop."""
+"""Curriculum driven by a teacher, for use in any training loop."""
 
 import copy
 import os
@@ -67,7 +67,7 @@ def teacher_needs() -> pd.DataFrame:
 
 
 class Curriculum:
-    """Curriculum of a teacher for any training loop.
+    """Curriculum driven by a teacher, for use in any training loop.
 
     Wrap the loop's environments: `reset` takes the teacher's next task, and every end of an episode, by
     termination or truncation, is reported to the teacher. Episodes from which the student must not learn
@@ -157,7 +157,7 @@ class Curriculum:
 
     @property
     def episodes(self) -> pd.DataFrame:
-        """Reported episodes, with columns for step, task ("task_mass"), return, length, success, trains."""
+        """Table of the reported episodes, with one column per task dimension, such as "task_mass"."""
         tasks = [f"task_{name}" for name in self.space.names]
         columns = ["episode", "step", *tasks, "episodic_return", "length", "success", "trains"]
         with self._lock:

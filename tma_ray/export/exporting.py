@@ -25,7 +25,7 @@ PLAYGROUND_FILE: Final = "playground.html"
 
 @dataclass(frozen=True)
 class Export:
-    """Result of an export.
+    """Folder of an exported policy, its run id, and the accuracy of the ONNX file.
 
     Attributes:
         folder: folder of the export.

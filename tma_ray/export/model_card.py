@@ -157,7 +157,7 @@ def _code(value: object) -> Markup:
 
 
 def _plain(value: object) -> object:
-    """Escape Markdown's special characters in a text."""
+    """Escape Markdown's special characters in a string."""
     if isinstance(value, Markup) or not isinstance(value, str):
         return value
     return "".join(

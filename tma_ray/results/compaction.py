@@ -221,7 +221,7 @@ class Journal:
 
 
 def clean(store: Store) -> None:
-    """Delete the files in the journal that no manifest lists.
+    """Delete the unused and replaced files that the journal lists, and then the journal.
 
     If manifests are unreadable, files that they may list are kept.
     """
@@ -349,7 +349,7 @@ def newer_version(store: Store, path: str) -> str:
 
 @dataclass(frozen=True)
 class Compaction:
-    """Outcome of a compaction: the number of merged runs, and the number and size of table files."""
+    """Outcome of a compaction: merged runs, and number and size of table files before and after."""
 
     runs: int
     files_before: int
@@ -411,7 +411,7 @@ def _merge(results: Results, manifests: Sequence[Manifest], experiment: str, lea
     ids, about = {manifest.run.run_id for manifest in manifests}, []
     for table in (Table.RUNS, Table.ATTEMPTS):
         for path in store.files(f"{layout.TABLES}/{table}"):
-            with suppress(*UNREADABLE):  # readers report the damage
+            with suppress(*UNREADABLE):  # a damaged file is reported when results are read
                 listed = decode(table, store.read_bytes(path), ["run_id"])["run_id"].unique().to_pylist()
                 if ids.issuperset(listed):
                     about.append(path)

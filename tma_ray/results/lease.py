@@ -85,7 +85,7 @@ class LearnerProgress:
 
 @dataclass(frozen=True)
 class Heartbeat:
-    """Heartbeat of a campaign.
+    """Sign of life of a campaign, with the progress of its runs and learners.
 
     Attributes:
         holder: campaign, host and process, as in the lease.
@@ -288,10 +288,12 @@ class Lease:
             self._refuse(_readable(self.store))
 
     def renew(self) -> None:
-        """Renew the lease, as required before publishing after a pause.
+        """Renew the lease, or raise an error if another campaign holds it.
+
+        Call it before publishing anything after a pause.
 
         Raises:
-            RootInUseError: if another campaign has taken it over.
+            RootInUseError: if another campaign has acquired the lease.
         """
         current, version = _read(self.store)
         if isinstance(current, DamagedFileError):

@@ -30,7 +30,7 @@ def unpacked_sizes(
     """Yield an upper bound, in bytes, on the memory of each page of the given row groups and columns.
 
     Arrow only checks page headers while it allocates, and small forged pages may unpack to any size. `source`
-    is the open file, with a method `read_at`; `kept` are text columns to read as dictionaries.
+    is the open file, with a method `read_at`; `kept` are string columns to keep dictionary-encoded.
     """
     for group in map(file.metadata.row_group, groups):
         for chunk in map(group.column, range(group.num_columns)):
@@ -133,7 +133,7 @@ _REPEATED: Final = {
     Table.EVALUATIONS: ("task_index", "task.list.element"),
     Table.CURRICULUM: ("step", "sample"),
 }
-"""Columns of recurring numbers, which are smallest as dictionaries."""
+"""Columns of recurring numbers, which take the least space dictionary-encoded."""
 
 
 def encode(table: Table, rows: pa.Table) -> bytes:
@@ -238,7 +238,7 @@ def same_rows(table: Table, rows: pa.Table, others: pa.Table) -> bool:
 
 
 def _opened(table: Table, source: Any, *, checked: bool = False) -> pq.ParquetFile:
-    """Open a Parquet file for reading, with id columns as dictionaries."""
+    """Open a Parquet file for reading, with dictionary-encoded id columns."""
     metadata = pq.read_metadata(source)
     ids = [name for name in _ids(table) if name in metadata.schema.names]  # older files lack some id columns
     return pq.ParquetFile(

@@ -172,7 +172,7 @@ def _names(store: Store, folder: str) -> set[str]:
 
 
 def _rows(store: Store, table: Table, path: str, columns: Sequence[str]) -> list[dict[str, str]]:
-    with suppress(*UNREADABLE):  # readers report the damage
+    with suppress(*UNREADABLE):  # a damaged file is reported when results are read
         rows: list[dict[str, str]] = decode(table, store.read_bytes(path), columns).to_pylist()
         return rows
     return []

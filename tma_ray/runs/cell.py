@@ -111,7 +111,7 @@ def challenge_bounds(name: str, space: Bounds) -> tuple[str, dict[str, tuple[flo
 
 
 def bounded(space: TaskSpace, bounds: Bounds) -> TaskSpace:
-    """Return `space` with other bounds for some of its dimensions.
+    """Return `space` with the bounds of the dimensions in `bounds` replaced.
 
     Raises:
         ValueError: if a dimension is unknown, or its low bound is over the high one.

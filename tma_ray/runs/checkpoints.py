@@ -57,7 +57,7 @@ class StateFile:
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """One complete checkpoint.
+    """Complete checkpoint of a run: its state files, and the result rows so far.
 
     Attributes:
         step: environment steps of the run.
@@ -135,7 +135,7 @@ class Checkpoints:
         return len(index) + sum(file.size for file in new.values())
 
     def restore(self, run: Run) -> Checkpoint | None:
-        """Load the newest intact checkpoint into a new `run`, and return the checkpoint, if there is one."""
+        """Load the newest intact checkpoint into a new `run` and return it, or None if there is none."""
         indices = [path for path in self._store.files(self._folder) if path.endswith(f"/{INDEX}")]
         for path in reversed(indices):
             with tempfile.TemporaryDirectory() as folder:
@@ -198,7 +198,7 @@ SPEC_FILE = "spec.json"  # name of the file with the spec of a run, next to its 
 
 @dataclass(frozen=True)
 class SavedPolicy:
-    """Saved policy of a run.
+    """Policy saved in a folder, with the spec of the run that trained it.
 
     Attributes:
         store: store of its files.
@@ -248,7 +248,7 @@ class SavedPolicy:
 
 
 def find_policy(name: str, results: str | Path) -> SavedPolicy:
-    """Return the saved policy of a run.
+    """Return the saved policy of a run, and read the run's input files into memory.
 
     Args:
         name: folder of a saved policy or a file in it, or the id of a run or an unambiguous prefix.

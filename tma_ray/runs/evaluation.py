@@ -23,7 +23,7 @@ Act = Callable[[NDArray[np.float32]], NDArray[np.float32]]  # maps observations 
 def played_episodes(
     worlds: LockStep, seeds: Sequence[int], tasks: Task, act: Act, most_steps: float = math.inf
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Play one episode of each task, in parallel.
+    """Play one episode of each task in parallel, and return the episodic returns and lengths.
 
     Args:
         worlds: at least n worlds.
@@ -88,7 +88,7 @@ MAX_WORLDS = 64  # largest number of concurrent episodes of an evaluation
 
 
 class UntrainedEpisodes:
-    """Episodes without learning that a teacher requests, with a random generator of their own.
+    """Runner of the episodes without learning that a teacher requests, with its own random generator.
 
     Worlds and action noise are sampled anew for every evaluation; the generator is the only state.
     """

@@ -102,7 +102,9 @@ _contents: dict[str, bytes] = {}  # contents of input files in memory, by SHA-25
 
 
 def captured(part: str, options: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, InputFile]]:
-    """Read the files named in a component's options into memory; return the options without folders.
+    """Read the files named in a component's options, and return the adjusted options and the files.
+
+    File names replace the paths in the options; the contents of the files are kept in memory.
 
     Args:
         part: "environment", "student" or "teacher".

@@ -24,7 +24,7 @@ LIBRARIES = ("numpy", "torch", "stable-baselines3", "gymnasium", "pymunk", "numb
 
 @dataclass(frozen=True)
 class Placement:
-    """Placement of a run; it does not affect results.
+    """Device, threads and checkpoint interval of a run; they do not affect results.
 
     Attributes:
         device: torch's name of the device of the networks.
@@ -50,8 +50,8 @@ class Placement:
     def give_way(self) -> None:
         """Permanently lower the priority of the calling thread if the student learns in a cohort.
 
-        Call it once per process. With more players than cores, all would otherwise wait for the learner,
-        which waits for a core.
+        Call it once per process. With more rollout workers than cores, all would otherwise wait for the
+        learner, which waits for a core.
         """
         if self.learner is not None and hasattr(os, "nice"):
             os.nice(PLAYER_NICENESS)
@@ -59,7 +59,7 @@ class Placement:
 
 @dataclass(frozen=True)
 class Status:
-    """Status of a running attempt.
+    """Step, speed and recent return of a running attempt.
 
     Attributes:
         step: environment steps of the run.
@@ -115,7 +115,7 @@ def fingerprint(threads: int, device: str, hardware: Mapping[str, Any] | None = 
         hardware: result of `gpu` for that device, or of `ask_learner` for a cohort.
     """
     described = dict(hardware or {})
-    if "vector_extensions" not in described:  # learners report theirs, since players have no torch
+    if "vector_extensions" not in described:  # learners report theirs, since workers have no torch
         import torch
 
         described["vector_extensions"] = torch.backends.cpu.get_cpu_capability()

@@ -1,4 +1,4 @@
-"""Specification of a run, which determines its results, and the run's random streams."""
+"""Specifications of runs, which determine their results, and the random streams derived from them."""
 
 import hashlib
 import json
@@ -25,7 +25,7 @@ ABSENT_IF_EMPTY = ("resets", "cuts", "algorithm_versions", "inputs")
 
 @dataclass(frozen=True)
 class Schedule:
-    """Budget of a run, and intervals of evaluation and probes (paper, appendix C), in environment steps.
+    """Budget of a run, and intervals of evaluations, probes and statistics (paper, appendix C), in steps.
 
     Attributes:
         steps: training budget.
@@ -49,7 +49,7 @@ class Schedule:
 
 @dataclass(frozen=True)
 class Plugin:
-    """Component of a run that is not part of tma_ray.
+    """Module and source hash of a run's component that is not part of tma_ray.
 
     Attributes:
         module: module that defines it.
@@ -80,7 +80,7 @@ class InputFile:
 
 @dataclass(frozen=True, eq=False)
 class RunSpec:
-    """Effective spec and seed of a run; equal specs give bit-identical results.
+    """Effective specification of a run, with its seed; equal specs give bit-identical results.
 
     Placement and campaign are not part of it. Knowledge that the teacher does not use is dropped beforehand
     (`expert_knowledge` is the level that it uses), so cells with the same effective spec share a run.

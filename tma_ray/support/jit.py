@@ -66,7 +66,7 @@ def kernel(function: F, nogil: bool = False) -> F:
 
 
 def _package(file: Path) -> Path:
-    """Return the folder of the top-level subpackage that contains `file`, or else the folder of `file`."""
+    """Return the folder of the top-level subpackage that contains `file`, or of `file` if there is none."""
     folder = file.parent
     while (folder.parent.parent / "__init__.py").is_file():
         folder = folder.parent

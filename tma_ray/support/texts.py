@@ -1,4 +1,4 @@
-"""Formatting of texts for users: counts, durations, sizes, and removal of control characters."""
+"""Formatting of counts, durations and sizes for users, and removal of control characters."""
 
 import math
 import re

@@ -1,4 +1,4 @@
-"""Conformance tests of teachers as a test class to inherit from."""
+"""Conformance tests of teachers, as a test class to inherit from."""
 
 import copy
 import dataclasses

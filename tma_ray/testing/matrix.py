@@ -124,7 +124,7 @@ def tabulate(cells: Sequence[SimulatedCell], runs: Iterable[SimulatedRun]) -> pd
 
     - teacher, challenge, expert_knowledge, seed;
     - effective_knowledge: level that the teacher uses; rows that are equal up to here share a run;
-    - mastered_percent: mastered test tasks at the end;
+    - mastered_percent: percentage of mastered test tasks at the end;
     - before_reset, tenth_later, three_tenths_later: the same just before the student's first reset and
       one tenth and three tenths of all episodes after it; empty for a student that is not reset;
     - at_05 to at_100: the same after each twentieth of the episodes.

@@ -150,7 +150,7 @@ def simulate(
     episodes: int = EPISODES,
     hyperparameters: Mapping[str, Any] | None = None,
 ) -> SimulatedRun:
-    """Return the outcome of a `Simulation` over a number of episodes.
+    """Run a `Simulation` for a number of episodes, and return its outcome.
 
     Raises:
         ValueError: if there are fewer episodes than evaluations, or `Simulation` raises it.

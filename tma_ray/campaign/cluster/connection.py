@@ -63,7 +63,7 @@ class LocalRayWatch:
         self._refreshed_at = -math.inf
 
     def refresh(self) -> None:
-        """Record new processes and which core processes have open ports; takes about 30 ms.
+        """Record new processes, and core processes that have opened or closed ports; takes about 30 ms.
 
         Core processes are direct children: children of the node manager share its name until they become
         workers, which may end at any time. A head that hangs after SIGTERM has closed its ports.
@@ -164,7 +164,7 @@ class LocalHead:
         return ray.is_initialized() and ray.get_runtime_context().gcs_address == self._address
 
     def check(self) -> None:
-        """Shut down this Ray instance if one of its core processes is gone; see `Head`."""
+        """Shut down this Ray instance and raise an error if a core process is gone; see `Head`."""
         reason = self._watch.failure_reason()
         if reason is not None:
             self._left = True
@@ -174,7 +174,7 @@ class LocalHead:
             raise HeadLostError(reason)
 
     def failure_reason(self, patience: float = 0.0) -> str | None:
-        """Return a message about lost core processes, or None once `check` has raised; see `Watched`."""
+        """Return a message about lost core processes; None if none is lost or once `check` has raised."""
         return None if self._left else self._watch.failure_reason(patience)
 
     def kill(self) -> None:

@@ -67,7 +67,7 @@ class TeacherActor(InlineTeacher):
     """
 
     def __init__(self) -> None:
-        """Do nothing until `start` is called."""
+        """Create the actor without a teacher, which `start` constructs."""
 
     def start(self, spec: dict[str, Any], inputs: Mapping[str, bytes]) -> None:
         """Construct and start a run's teacher.
@@ -208,7 +208,7 @@ class LearnerActor:
         return launcher(cls, resources, node_strategy(node), LEARNER_CALLS).remote(settings)
 
     def open(self) -> tuple[Learner, str]:
-        """Wait until players can connect, and return the address and the node's Ray id.
+        """Wait until rollout workers can connect, and return the learner's address and its node's Ray id.
 
         Raises:
             MemoryError: if the device has too little memory.
@@ -224,7 +224,8 @@ class LearnerActor:
         """Block until the learner fails; several callers may wait at once.
 
         Raises:
-            MemoryError: if the device has too little memory. Players stay connected until this process ends.
+            MemoryError: if the device has too little memory. Rollout workers stay connected until this
+                process ends.
             TimeoutError: if the learner is stuck.
             Exception: if anything else ended the learner.
         """
@@ -233,7 +234,7 @@ class LearnerActor:
             raise self._failure
 
     def report(self) -> LearnerProgress | None:
-        """Return the progress of the learner, or None before players can connect."""
+        """Return the progress of the learner, or None while it does not yet accept connections."""
         if self._server is None:
             return None
         account, now = dict(self._server.account), time.monotonic()

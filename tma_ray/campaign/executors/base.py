@@ -16,7 +16,7 @@ LOSSES = StorageError, LearnerLostError, CohortFullError
 
 @dataclass(frozen=True)
 class AttemptEnd:
-    """End of an attempt.
+    """Outcome of an attempt that has ended, with its result files or the reason for its end.
 
     Attributes:
         run_id: id of the run.

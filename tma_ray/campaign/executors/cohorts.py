@@ -82,7 +82,7 @@ def learner_resources(
 
 
 def room_of(node: Mapping[str, float], settings: ExecutionConfig, learner: Resources) -> tuple[int, int]:
-    """Return the number of learners that fit on a node, and the number of players beside each learner."""
+    """Return the number of learners that fit on a node, and of rollout workers beside each learner."""
     player = settings.player
     whole = Resources(
         learner.cpus + settings.width * player.cpus,
@@ -101,7 +101,7 @@ def room_of(node: Mapping[str, float], settings: ExecutionConfig, learner: Resou
 
 
 def check_room(settings: ExecutionConfig, specs: Sequence[RunSpec], keys: Mapping[str, StackKey]) -> None:
-    """Check that a learner and a run fit on some node; without one, Ray would queue them forever.
+    """Check that a learner and a run fit on some node; otherwise Ray would queue them forever.
 
     Raises:
         ValueError: if they fit on no node.
@@ -160,7 +160,7 @@ class _Cohort:
 
 
 class Cohorts:
-    """Learners of cohorts, one per GPU or per `width` runs on CPUs, and the runs of each learner.
+    """Manager of cohorts: learners, one per GPU or per `width` runs on CPUs, and the runs of each.
 
     A lost learner is replaced, and its runs continue with another. If memory runs out, later learners have
     half as many slots.
@@ -208,7 +208,7 @@ class Cohorts:
         return run_id in self._blameless
 
     def update(self, *, over: bool) -> Sequence[LearnerProgress]:
-        """Poll all learners, end lost ones (and idle ones if `over`), and return the others' progress."""
+        """End lost learners (and idle ones if `over`), and poll and return the progress of all others."""
         for cohort in list(self._cohorts):
             if not self._lives(cohort) or (over and not cohort.runs):
                 self._end(cohort)
@@ -244,7 +244,7 @@ class Cohorts:
             free += max_runs
 
     def _free_node(self) -> tuple[str, int] | None:
-        """Return a node with room for a learner ("" for a future node) and its number of players, or None."""
+        """Return a node for a learner ("" for a future one) and the number of runs beside it, or None."""
         taken = Counter(cohort.node for cohort in self._cohorts)
         for node in self._head.nodes():
             learners, players = room_of(node["Resources"], self._settings, self._resources)

@@ -36,7 +36,7 @@ FINAL_REPORT_SECONDS = 10.0  # longest wait for the last report of a run, s
 
 @dataclass
 class _Running:
-    """An attempt with its actor and pending calls."""
+    """Running attempt, with its actor and pending calls."""
 
     run_id: str
     actor: Any
@@ -63,7 +63,7 @@ class RayExecutor:
         self.learners: Sequence[LearnerProgress] = ()
 
     def take(self, waiting: deque[RunSpec]) -> RunSpec | None:
-        """Return a run that can start now; see `Executor`."""
+        """Remove and return a run that can start now; see `Executor`."""
         if self._cohorts is not None:
             return self._cohorts.take(waiting)
         room = capacity(self._settings.resources, self._head.nodes()) + self._settings.max_queued
@@ -143,7 +143,7 @@ class RayExecutor:
             self._pending.append(report)
 
     def _end(self, running: _Running) -> None:
-        """Record the end of a run whose actor has returned, raised or died."""
+        """Record the end of a run whose actor has returned, raised or died, or retry an unavailable one."""
         ending = AttemptEnd(running.run_id, AttemptOutcome.STOPPED)
         try:
             files = ray.get(running.result)

@@ -28,7 +28,7 @@ _USAGE_ERRORS: Final = (
 
 
 class AddressStore(Store, schemes=("*",)):
-    """Folder at an address that pyarrow or fsspec supports, used mostly to read releases.
+    """Store at an address that pyarrow or fsspec supports, used mostly to read releases.
 
     Writes are not conditional: `create` and `replace` check first, and do not exclude other processes.
 

@@ -58,7 +58,7 @@ class ObjectStoreError(StorageError, ConnectionError):
 
 
 class Store(ABC):
-    """Files below a root, addressed by relative paths with forward slashes.
+    """Storage backend for files below a root, addressed by relative paths with forward slashes.
 
     Writes are atomic and durable. A store can be pickled; other processes open buckets with their own
     credentials. Failed operations raise a `StorageError`.

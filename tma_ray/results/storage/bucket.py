@@ -47,7 +47,7 @@ _CREDENTIALS: Final = {
 
 
 class BucketStore(Store, schemes=("s3", "gs")):
-    """Folder in a bucket, written with atomic requests.
+    """Store in a folder of a bucket, written with atomic requests.
 
     Args:
         objects: store of obstore for the bucket.

@@ -53,7 +53,7 @@ FILE_ENDINGS: Final = (".json", ".parquet", ".safetensors", ".log")  # suffixes 
 
 
 class FolderStore(Store, schemes=("", "file")):
-    """Folder of a file system; files are written under temporary names, synced and renamed.
+    """Store in a folder; files are written under temporary names, synced and renamed.
 
     Symbolic links out of the root are never followed. Folders are renamed to temporary paths before deletion.
     """
@@ -226,7 +226,7 @@ def explained_disk(where: str, kinds: Collection[int] | None = None) -> Iterator
 
 
 def write_file(target: Path, temporary: Path, data: bytes, *, exclusive: bool = False) -> bool:
-    """Write `target` atomically by renaming `temporary`; if `exclusive`, return False if `target` exists."""
+    """Write `target` atomically by renaming `temporary`; return False if `exclusive` and `target` exists."""
     make_folder(target.parent)
     try:
         with temporary.open("wb") as file:
