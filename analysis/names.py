@@ -99,7 +99,7 @@ def with_settings(name: str, settings: Mapping[str, str]) -> str:
 
 @cache
 def challenge_title(environment: str, challenge: str, otherwise: str | None = None) -> str:
-    """Return the title of a benchmark challenge with its settings; else `otherwise`, or both names if None.
+    """Return the title of a benchmark challenge with its settings; for others, `otherwise` or both names.
 
     Examples:
         >>> challenge_title("parkour:swinging_creepers=true", "easy", "")
@@ -167,7 +167,7 @@ def distinct_labels(teachers: Iterable[str]) -> dict[str, str]:
 
 
 def teacher_order(teacher: str) -> tuple[bool, bool, str]:
-    """Return a sort key for teachers: those of `own_first`, then Random, then the rest by name."""
+    """Return a sort key for teachers: those of `own_first`, then Random, then all other teachers by name."""
     return (teacher not in _OWN.get(), plain_name(teacher) != "random", label(teacher).lower())
 
 

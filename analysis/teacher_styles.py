@@ -108,7 +108,11 @@ def _assigned(teachers: Iterable[str]) -> dict[str, TeacherStyle]:
 def _cost(
     hashed: tuple[int, ...], taken: Collection[tuple[int, ...]], indices: tuple[int, ...]
 ) -> tuple[int, ...]:
-    """Return the cost of a style: uses of its colour, of its colour and marker, of all three, and changes."""
+    """Return the sort key of a style, the lowest for the style to assign.
+
+    It counts how often its colour, its colour and marker, and the full style are taken, and ends with its
+    distance from the hashed indices.
+    """
     uses = (sum(other[:count] == indices[:count] for other in taken) for count in (1, 2, 3))
     changes = ((new - old) % size for new, old, size in zip(indices, hashed, _SIZES, strict=True))
     return (*uses, *changes)

@@ -1,4 +1,4 @@
-"""Lookup of baselines by name or location, their manifests, and joint reading of several sources."""
+"""Baselines: lookup by name or location, manifests, and joint reading of several sources."""
 
 import hashlib
 import json
@@ -125,7 +125,7 @@ class BaselineManifest:
 
     @property
     def citation(self) -> str:
-        """Default citation."""
+        """Citation with the name, software and creation date of the baseline."""
         return f"{self.name}, made with {self.software} on {self.created[:10]}."
 
     @property
@@ -343,7 +343,7 @@ def source_list(sources: Sources) -> tuple[str | Path, ...]:
 
 
 def own_teachers(sources: Sources, frames: Frames) -> frozenset[str]:
-    """Return the teachers (except Random) of results roots in `sources`, if these include baselines, too."""
+    """Return the teachers, except Random, of the results roots in `sources`; none without baselines there."""
     distinct = source_list(sources)
     roots = [source for source in distinct if as_baseline(source) is None]
     if not 0 < len(roots) < len(distinct):

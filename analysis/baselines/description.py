@@ -73,7 +73,7 @@ def _configurations(paths: Iterable[str]) -> dict[str, str]:
 
 
 def holdings(columns: Mapping[str, Sequence[Any]], counts: Mapping[str, int]) -> dict[str, Any]:
-    """Return the contents of a baseline as JSON values: the distinct values of each column, and `counts`."""
+    """Return the contents of a baseline as JSON values: distinct values by column, and the given counts."""
     distinct = {name: sorted(set(values)) for name, values in columns.items()}
     return {name: values for name, values in distinct.items() if values and values != [""]} | dict(counts)
 

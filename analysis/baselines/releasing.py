@@ -104,7 +104,7 @@ def release(
 
 @contextmanager
 def _aside(folder: Path) -> Iterator[Path]:
-    """Context manager for a temporary folder next to `folder`, created by the caller and deleted on exit."""
+    """Context manager that yields an unused path next to `folder`, and deletes any folder there on exit."""
     folder.parent.mkdir(parents=True, exist_ok=True)
     aside = folder.parent / f".{folder.name}-{uuid4().hex[:8]}"
     try:
@@ -169,7 +169,7 @@ def _complete(draft: BaselineManifest, folder: Path, copied: results.Copy | resu
 
 
 def _release_folder(name: str, output: Path | None) -> Path:
-    """Return the folder of a release in `output`, by default the current folder."""
+    """Return the folder of the release `name` in `output` (the current folder if None)."""
     if not re.fullmatch(r"[0-9a-zA-Z][0-9a-zA-Z._-]*", name):
         raise BaselineError(
             f"release {name!r}: use letters, digits, '.', '_' and '-', a letter or digit first"
@@ -180,7 +180,7 @@ def _release_folder(name: str, output: Path | None) -> Path:
 
 
 def _refuse_unfinished(frames: Frames, partial: bool, lacking: str) -> str:
-    """Refuse a root that is unfinished (unless `partial`), and return a description of its missing runs.
+    """Refuse a root that is in use, damaged or unfinished, and return a description of its missing runs.
 
     The description is `lacking` if the root is finished.
 
@@ -314,7 +314,7 @@ def add_to_release(
 
 
 def _copied(folder: Path, aside: Path) -> BaselineManifest:
-    """Copy a release to `aside`, with hidden files such as .DS_Store, and return its manifest.
+    """Copy a release to `aside`, including hidden files such as .DS_Store, and return its manifest.
 
     Raises:
         BaselineError: if the release is damaged, or its folder holds other files or hidden folders.

@@ -130,7 +130,7 @@ def lacking(baseline: Baseline) -> list[str]:
 
 
 def _lacking_runs(frames: Frames) -> Iterator[str]:
-    """Yield messages about unfinished runs, recorded names of machines, and missing seeds."""
+    """Yield messages about unfinished runs, recorded host names, and missing or too few seeds."""
     unfinished = [run.run.run_id for run in frames.results.runs() if run.status is not results.RunStatus.DONE]
     if unfinished:
         yield f"{len(unfinished)} runs are not done, as {unfinished[0]}"

@@ -33,7 +33,7 @@ class Whisker(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class PanelResults:
-    """Results of one panel, with the pairs of teachers that differ significantly."""
+    """Results of one panel, with the pairs of teachers that differ significantly or have no test."""
 
     titles: tuple[str, str]  # titles of the panel's row and column
     rows: pd.DataFrame  # mean, whisker and doubt of each result, indexed by teacher
@@ -176,7 +176,7 @@ def _brackets(
 def _letters(
     results: PanelResults, teachers: Sequence[str], start: float, lane: float
 ) -> Iterator[tuple[int, base.Mark]]:
-    """Yield the lane and label of each letter of a teacher, or of "?" for a teacher without any test."""
+    """Yield the lane and label of each teacher's letters, or of "?" for a teacher without any test."""
     names = list(results.rows.index)
     never = [name for name in names if sum(name in pair for pair in results.untested) >= len(names) - 1]
     letters = compact_letter_display([name for name in names if name not in never], results.different)

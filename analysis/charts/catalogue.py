@@ -71,7 +71,7 @@ def page_charts(comparison: TeacherComparison) -> Iterator[Chart]:
 
 
 def trained_steps_chart(comparison: TeacherComparison) -> Iterator[Chart]:
-    """Yield learning curves against trained steps if any teacher trains on under `NEARLY_ALL` % of steps."""
+    """Yield curves against trained steps if any teacher trains on less than `NEARLY_ALL` % of its steps."""
     frames, evaluations = comparison.frames, comparison.evaluations
     teachers = evaluations.drop_duplicates("run_id").set_index("run_id")["teacher"]
     shares = trained_shares(frames).groupby(teachers.to_dict()).mean()
@@ -199,7 +199,7 @@ def _training_tasks(comparison: TeacherComparison, teachers: Iterable[str]) -> C
 
 
 def points_of(along: pd.DataFrame, ends: pd.DataFrame, column: str) -> pd.DataFrame:
-    """Return the values of `column` at each evaluation (`along`) and at the ends of runs (step `END`)."""
+    """Return the values of `column` at evaluations (`along`) and at the ends of runs (`ends`, step `END`)."""
     columns = ["teacher", "seed", "step", column]
     parts = [along[columns].astype({"step": object}), ends[[*columns[:2], column]].assign(step=END)]
     return pd.concat(parts, ignore_index=True).rename(columns={column: "value"})
@@ -226,7 +226,7 @@ def _curve_caption(value: str, table: pd.DataFrame) -> str:
 
 
 def _counts(rows: pd.DataFrame) -> str:
-    """Return the number of runs per teacher as text, such as ``n = 4 seeds per teacher``."""
+    """Format the number of runs per teacher, such as ``n = 4 seeds per teacher``."""
     counts = rows.groupby("teacher")["run_id"].nunique()
     usual = int(counts.mode().iloc[-1])
     text = f"n = {counted(usual, 'seed')}" + (" per teacher" if len(counts) > 1 else "")
@@ -237,12 +237,12 @@ def _counts(rows: pd.DataFrame) -> str:
 
 
 def thresholds(cells: pd.DataFrame) -> str:
-    """Return the mastery thresholds of cells as text, such as ``230``."""
+    """Format the mastery thresholds of cells, such as ``230``."""
     return " or ".join(map(threshold, sorted(cells["mastery_threshold"].dropna().unique())))
 
 
 def threshold(value: float) -> str:
-    """Return a mastery threshold as text, without decimals if it is a whole number."""
+    """Format a mastery threshold, without decimals if it is a whole number."""
     return number(value, 0 if value == round(value) else 2)
 
 

@@ -159,7 +159,7 @@ def _checked(shots: Sequence[Shot], steps: Sequence[int] | None) -> list[int]:
 
 
 def curriculum_strip(curricula: Mapping[str, RunCurriculum], plane: tuple[Axis, Axis]) -> base.Chart:
-    """Return a chart of training tasks coloured by return: a row per teacher, a column per part of a run."""
+    """Return a chart of training tasks coloured by return, by teacher (row) and part of the run (column)."""
     view, colours = TaskView(plane), return_colours(curricula)
     rows: list[list[base.Panel]] = []
     for teacher, side in short_labels(curricula, 16).items():

@@ -84,7 +84,7 @@ def learning_curve(curves: pd.DataFrame, value: str, ylabel: str) -> base.Chart:
 
 
 def _rows_by_teacher(table: pd.DataFrame) -> dict[str, base.Array]:
-    """Return each teacher's rows with a mean, as an array (rows, 4) of step, mean, standard error and n."""
+    """Return, by teacher, an array (rows, 4) of step, mean, standard error and n, without missing means."""
     columns = ("step", "mean", "standard_error", "n")
     rows = np.column_stack([table[column].to_numpy(np.float64) for column in columns])
     teachers, known = table["teacher"].to_numpy(object), ~np.isnan(rows[:, 1])
@@ -171,12 +171,12 @@ class CurvePanel:
         ]
 
     def table(self) -> pd.DataFrame:
-        """Return teacher, expert_knowledge, step, n, mean and standard_error, sorted by step."""
+        """Return a table of teacher, expert_knowledge, step, n, mean and standard_error, sorted by step."""
         keys = ["teacher", "expert_knowledge", "step"]
         return _table(self.curves, self.measure, keys, f"curves of panel {self.title!r}", empty=True)
 
     def stars(self, every: int) -> pd.DataFrame:
-        """Return line, step and difference of the significant differences at multiples of `every` steps."""
+        """Return a table of line, step and difference for significant tests at multiples of `every` steps."""
         if self.tests is None or self.tests.empty:
             return pd.DataFrame(columns=["line", "step", "difference"])
         what = f"tests of panel {self.title!r}"
@@ -302,7 +302,7 @@ def _line_looks(tables: Sequence[pd.DataFrame]) -> dict[Line, tuple[TeacherStyle
 def _table(
     curves: pd.DataFrame, measure: str, keys: Sequence[str], what: str, empty: bool = False
 ) -> pd.DataFrame:
-    """Return `keys`, n, mean and standard_error of a measure, sorted by step, without missing means."""
+    """Return a table of `keys`, n, mean and standard_error of a measure by step, without missing means."""
     mean, std = f"{measure}_mean", f"{measure}_std"
     columns = [*keys, "n", mean, std]
     if len(curves) or not empty:
@@ -349,7 +349,7 @@ def knowledge_panels(
     measures: Mapping[str, str] = AXIS_TITLES,
     reference: KnowledgeLevel | None = KnowledgeLevel.HIGH,
 ) -> list[CurvePanel]:
-    """Return panels that compare levels of expert knowledge: a row per challenge, a panel per measure.
+    """Return panels that compare levels of expert knowledge, one for each challenge and measure.
 
     Args:
         runs: rows from `pooling.pool_runs` with the `measures` at each step.

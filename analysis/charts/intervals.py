@@ -141,7 +141,7 @@ def overview_chart(
 
 
 def rank_chart(boards: Mapping[str, Sequence[Rank]], name: str = "ranks") -> base.Chart:
-    """Return a chart with a row per teacher: its rank by mean, and the range of ranks its tests leave open.
+    """Return a chart of each teacher's rank by mean, and of the ranks that its tests do not rule out.
 
     Args:
         boards: ranks of each panel, best first, by heading and subtitle, separated by a colon.
@@ -371,7 +371,7 @@ def _heading(measure: str, references: Iterable[str]) -> str:
 
 
 def _course(table: pd.DataFrame, seen: pd.DataFrame, teacher: str, reach: float) -> Iterator[base.Curve]:
-    """Yield curves of the boundaries and of the observed differences with intervals, clipped to ± `reach`."""
+    """Yield curves of the boundaries and intervals, clipped to ± `reach`, and of the observed differences."""
     for side, name in (("better", "boundary of a verdict"), ("worse", "")):
         bounds = np.clip(table[side].to_numpy(float), -reach, reach)
         seeds, hover = table["seeds"].to_numpy(float), f"{side} beyond {{y:.1f}}"

@@ -1,4 +1,4 @@
-"""Charts on pages, as data for plotly.js, with animation frames that contain only the changes."""
+"""Charts on pages, as data for plotly.js, with frames that hold only differences from the initial view."""
 
 import base64
 import gzip
@@ -44,7 +44,7 @@ Trace: TypeAlias = dict[str, Any]  # trace of plotly.js
 
 @dataclass(frozen=True, eq=False)
 class Plot:
-    """Panel of a chart as plain data for plotly.js, which avoids the slow validation of plotly's classes."""
+    """Panel of a chart as plain data for plotly.js, without the slow validation by plotly's classes."""
 
     name: str  # identifier on the page, and file name of saved pictures
     title: str  # title of the chart
@@ -105,7 +105,7 @@ def packed(text: str) -> str:
 
 
 def _change(old: Trace, new: Trace) -> Trace:
-    """Return the entries of a trace that changed, comparing markers and error bars entry by entry."""
+    """Return the entries of `new` that differ from `old`, comparing markers and error bars entry by entry."""
     change = {}
     for key, value in new.items():
         if key in ("marker", "error_x"):

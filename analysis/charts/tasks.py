@@ -29,7 +29,7 @@ def task_axis(axis: Axis) -> base.PanelAxis:
 
 @dataclass(frozen=True)
 class TaskView:
-    """Coordinates of tasks in a panel: on the task plane, or in a column per varied dimension."""
+    """Mapping of tasks to coordinates in a panel: on the task plane, or in a column per varied dimension."""
 
     axes: Sequence[Axis]
 
@@ -93,7 +93,7 @@ class TaskView:
         return outlines
 
     def _shares(self, tasks: base.Array) -> base.Array:
-        """Return tasks (…, d) as shares (…, v) of the ranges of the v varied dimensions."""
+        """Return the v varied dimensions of tasks (…, d), normalised to [0, 1], as an array (…, v)."""
         low, high = np.array([[self.axes[index].low, self.axes[index].high] for index in self.varied]).T
         return np.asarray((tasks[..., self.varied] - low) / (high - low), dtype=np.float64)
 

@@ -108,7 +108,7 @@ def _rankings(root: RootSource) -> Iterator[tuple[Reading, tuple[KnowledgeLevel,
 
 
 def draws_of_runs(strata: Sequence[pd.Series], rng: np.random.Generator) -> Floats:
-    """Return bootstrap draws (n,) of the equally weighted mean over strata, NaN if any has a single run.
+    """Return bootstrap draws (n,) of the equally weighted mean over strata, NaN if a stratum has one run.
 
     Runs are drawn within strata, and deviations scaled by the root of n / (n - 1), which corrects the
     bootstrap's variance for few runs.

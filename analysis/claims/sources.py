@@ -240,7 +240,7 @@ def _with_least(samples: Mapping[str, Sample]) -> dict[str, Sample]:
 
 
 def _chosen_conditions(tables: Mapping[str, pd.DataFrame]) -> tuple[dict[str, pd.Series], str]:
-    """Return the conditions chosen for each environment, and sentences about the others.
+    """Return the conditions chosen for each environment, and sentences about conditions not chosen.
 
     Args:
         tables: results from `pooling.pooled` by environment.

@@ -51,7 +51,7 @@ def show(frame: pd.DataFrame) -> None:
 
 
 def mastered_table(frame: pd.DataFrame) -> pd.DataFrame:
-    """Return a table (teachers x challenges) of mastered % as text: mean ± 95 % margin over seeds.
+    """Return the mean percentage of mastered tasks ± its 95 % margin, as strings (teachers x challenges).
 
     Args:
         frame: rows from `tma_ray.testing.matrix.tabulate`.
@@ -79,7 +79,7 @@ def mastered_table(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def recovery_table(frame: pd.DataFrame) -> pd.DataFrame:
-    """Return mastered % as text, before and after the first reset, for students that are reset."""
+    """Return percentages of mastered tasks before and after the first reset, for students that are reset."""
     forgetting = frame[frame["before_reset"].notna()]
     rows = [
         {"teacher": teacher, "expert knowledge": levels}

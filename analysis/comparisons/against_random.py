@@ -50,7 +50,7 @@ class AgainstRandom:
     across: Mapping[str, Any]  # conditions: values of `ACROSS`
     challenges: int  # number of challenges
     fewest: int  # minimum number of runs of either teacher on a challenge
-    gaps: Mapping[str, Gap]  # differences by measure; `TRAINED` only if under `NEARLY_ALL` % of steps trained
+    gaps: Mapping[str, Gap]  # differences by measure; `TRAINED` only below `NEARLY_ALL` % of trained steps
 
     @property
     def verdict(self) -> str:
@@ -92,7 +92,7 @@ def against_random(frames: Frames, runs: pd.DataFrame) -> list[AgainstRandom]:
 
 
 def _per_trained_step(curves: Curves, runs: pd.DataFrame, teacher: str) -> Gap:
-    """Return a teacher's difference from Random per trained step, given its own and the core's runs."""
+    """Return a teacher's difference from Random per trained step, given its runs and those of the core."""
     tests = over_challenges(trained_areas(curves, runs, teacher, STRATA), TRAINED, BASELINE)
     return Gap.of(tests[tests["first"] == teacher].iloc[0])
 

@@ -77,7 +77,7 @@ def improvements(
     within: Sequence[str] = COMPARED,
     strata: Sequence[str] = PARTS,
 ) -> pd.DataFrame:
-    """Return the probability that a run of one teacher beats a run of another, one row per pair.
+    """Return, for each pair of teachers, the probability that a run of one beats a run of the other.
 
     Args:
         runs: rows from `pooling.pool_runs`.

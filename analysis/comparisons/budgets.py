@@ -30,7 +30,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class EffectCorrelation(Estimate):
-    """Correlation of true effects with its 95 % interval.
+    """Correlation between true effects of teachers on two measures, with its 95 % interval.
 
     Attributes:
         observed: Pearson's correlation of the observed means, less the mean of their space.
@@ -42,7 +42,7 @@ class EffectCorrelation(Estimate):
 
 
 def effect_correlation(spaces: Sequence[Mapping[Any, ArrayLike]]) -> EffectCorrelation:
-    """Return the correlation between two measures of the true effects of teachers.
+    """Return the correlation between the true effects of teachers on two measures.
 
     The correlation of observed means is biased: upwards since both measures of a run share its luck, and
     downwards since means of few seeds are noisy. Here the covariance between seeds is subtracted.
@@ -175,7 +175,9 @@ class BudgetComparison:
 
 
 def compare_budgets(frames: Frames, runs: pd.DataFrame) -> BudgetComparison | None:
-    """Compare a leaderboard's teachers at the `BUDGETS` that all its runs reach; None if fewer than two are.
+    """Compare a leaderboard's teachers at the `BUDGETS` that all its runs reach.
+
+    The result is None for fewer than two such budgets or fewer than three teachers.
 
     Args:
         frames: results with these runs.

@@ -136,7 +136,7 @@ class TeacherComparison:
 
     @cached_property
     def median_runs(self) -> dict[str, pd.Series]:
-        """Each teacher's run with the median value of `HEADLINE`, or else its first run that has started."""
+        """Each teacher's run with the median of `HEADLINE`, or its first started run if none has a value."""
         cells = self.cells[self.cells["status"].isin(["done", "running"])]
         ranked = self.finals.sort_values([HEADLINE, "evaluation_return"], kind="stable")
         finals = {

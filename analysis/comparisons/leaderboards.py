@@ -141,7 +141,7 @@ class Leaderboard:
 
 
 def notes(board: Leaderboard) -> list[str]:
-    """Return the notes below a board: comparisons per trained step, omitted settings, few seeds."""
+    """Return the notes below a leaderboard: comparisons per trained step, omitted settings, few seeds."""
     sentences = []
     gaps = [(entry, entry.against.gaps) for entry in board.entries if entry.against]
     parts = [
@@ -173,7 +173,7 @@ def notes(board: Leaderboard) -> list[str]:
 def leaderboards(
     frames: Frames, runs: pd.DataFrame | None = None, *, subsets: bool = True
 ) -> list[Leaderboard]:
-    """Return the leaderboards for each level of expert knowledge and budget, those with most runs first.
+    """Return the leaderboards for each level of expert knowledge and budget, in descending order of runs.
 
     Besides the leaderboard of teachers with results on all challenges there is one for each set of
     `challenge_sets`. Only runs that have ended count. Levels with the same runs are one.

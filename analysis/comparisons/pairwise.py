@@ -367,7 +367,7 @@ def by_challenge(rows: pd.DataFrame, measure: str) -> dict[Hashable, dict[str, p
 def _by_group(
     rows: pd.DataFrame, measure: str, groups: NDArray[np.int64]
 ) -> dict[int, dict[Hashable, dict[str, pd.Series]]]:
-    """Like `by_challenge`, for each group that has values; `groups` (n,) are the rows' group numbers."""
+    """Return the result of `by_challenge` for each group with values, given each row's group number (n,)."""
     columns = ("stratum_name", "stratum", "challenge_number")
     names, strata, challenges = (rows[column].to_numpy() for column in columns)
     measured = np.flatnonzero(rows[measure].notna().to_numpy())
@@ -395,7 +395,7 @@ CORRECTED = ["holm", "simultaneous_low", "simultaneous_high"]
 
 
 def corrected(table: pd.DataFrame, family: Sequence[str]) -> pd.DataFrame:
-    """Add the columns `CORRECTED` to `table`, correcting tests with equal values of `family` together."""
+    """Add the columns `CORRECTED` to `table`, treating tests with equal values of `family` as one family."""
     groups = table.groupby(list(family), dropna=False).indices.values() if family else [np.arange(len(table))]
     columns = ["difference", "low", "high", "degrees_of_freedom"]
     numbers, p_values = table[columns].to_numpy(float), table["p"].to_numpy(float)
@@ -478,7 +478,7 @@ def _least_variances(
 def _compared(
     first: _Sample, second: _Sample, seeds: Seeds, least: Mapping[tuple[Hashable, str], float]
 ) -> dict[str, object]:
-    """Test two groups over the challenges on which both have the same strata; return the columns by name."""
+    """Test two groups over the challenges on which both have the same strata, and return a row of results."""
     ours, others = first.challenges, second.challenges
     common = [key for key in ours if key in others and set(ours[key]) == set(others[key])]
     names = [(key, stratum) for key in common for stratum in sorted(ours[key])]

@@ -23,7 +23,7 @@ PAPER, LITE = "paper", ("lite-1", "lite-2")
 """Sources of standard deviations: the paper's last evaluations, or the headline measure in the first of
 these releases that has a student of the plan."""
 
-FLOOR = 5.0  # deviations are unusable on challenges where the best teacher masters a smaller %
+FLOOR = 5.0  # deviations are unusable on challenges where the best teacher masters a smaller percentage
 
 LITE_BUDGET = 6_000_000
 """Largest budget, in steps, that is closer (as a ratio) to the 2 million steps of `LITE` than to the paper's

@@ -157,7 +157,7 @@ def _standing(mean: Mapping[str, Any], tests: pd.DataFrame) -> dict[str, Any]:
 
 
 def _chances(means: Mapping[str, Mapping[str, Any]]) -> dict[str, float]:
-    """Return each teacher's probability of having the highest true mean of those with as many challenges.
+    """Return each teacher's probability of the highest true mean among those with as many challenges.
 
     True means are drawn independently from Student's t around the observed means.
     """

@@ -38,7 +38,7 @@ class ResultSet:
 
 
 def result_set(frames: Frames, name: str) -> ResultSet:
-    """Return the results of a root or a release at the ends of its runs."""
+    """Return the final results of the runs of a root or a release."""
     runs, engines = result_runs(frames, run_measures(frames)), []
     for engine in sorted(map(str, runs["engine"].unique())):
         rows = runs[runs["engine"] == engine]

@@ -53,7 +53,7 @@ class RunCurriculum:
         return replace(self, episodes=cut(self.episodes), probes=cut(self.probes), updates=cut(self.updates))
 
     def probed_at(self, step: int) -> NDArray[np.float32]:
-        """Return the tasks (n, d) of the last probe up to `step`; empty if the probes end before it."""
+        """Return the tasks (n, d) of the last probe up to `step`; empty if all probes are before `step`."""
         steps = self.probes["step"]
         last = steps[steps <= step].max() if (steps >= step).any() else None
         return stack(self.probes.loc[steps == last, "task"])

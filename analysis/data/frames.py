@@ -272,7 +272,7 @@ def named_runs(run_ids: pd.Series) -> str:
 
 @contextmanager
 def object_strings() -> Iterator[None]:
-    """Context manager that makes pandas store strings as objects, a third faster than Arrow strings."""
+    """Context manager that makes pandas store strings as objects, which is a third faster than Arrow."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)
         try:

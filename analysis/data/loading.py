@@ -138,7 +138,7 @@ def _thresholds(evaluations: pd.DataFrame, runs: pd.DataFrame) -> pd.Series | fl
 
 
 def evaluation_measures(evaluations: pd.DataFrame) -> pd.DataFrame:
-    """Return a row per run and evaluation, with run_id, step, the measures, tasks and not_finite.
+    """Return the measures of each evaluation of a run, with the columns run_id, step, tasks and not_finite.
 
     An evaluation with NaN or infinite returns (their number is not_finite) has NaN measures: mastered % is
     of all test tasks, and such a return is neither a failure nor a success.

@@ -26,7 +26,9 @@ RECENT = 20
 
 @computed_once
 def training_curves(frames: Frames) -> pd.DataFrame:
-    """Return the training curves of runs that did not fail, with `GROUP`, step, training_return and smoothed.
+    """Return the training curves of runs that did not fail, excluding non-finite returns.
+
+    The columns are those of `unfailed`, step, training_return and smoothed.
 
     Returns are those of the training windows or, smoothed, those of the episodes where a comparison has too
     few windows.
@@ -53,7 +55,7 @@ def training_quarters(frames: Frames) -> pd.DataFrame:
 
 
 def _windows(frames: Frames) -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
-    """Return training windows; for comparisons with too few of them, cells and episodes instead."""
+    """Return training windows, and the cells and episodes of comparisons with too few windows."""
     alive = unfailed(frames.cells)
     windows = frames.training_returns[["run_id", "step", "mean_return"]].astype({"run_id": object})
     windows = windows[np.isfinite(windows["mean_return"].astype(float))]
@@ -88,7 +90,9 @@ MEASURED = ["mastered_area", "last_three", "mastered_percent", "evaluation_retur
 
 @computed_once
 def measured_so_far(frames: Frames) -> pd.DataFrame:
-    """Return `MEASURED`, with run_id and step, for each run up to each evaluation with finite returns.
+    """Return the measures of each run up to each of its evaluations with finite returns.
+
+    The columns are run_id, step and `MEASURED`.
 
     last_three is the mean of mastered % at the latest three evaluations, without that at step 0 unless it is
     the only one. mastered_area is the mean of mastered % over the steps: the area under the curve by
@@ -151,7 +155,10 @@ def final_evaluations(frames: Frames) -> pd.DataFrame:
 
 @computed_once
 def evaluation_curves(frames: Frames) -> pd.DataFrame:
-    """Return the evaluations with finite returns of runs that did not fail, with `GROUP` and `MEASURED`."""
+    """Return the evaluations of runs that did not fail, excluding those with non-finite returns.
+
+    The columns are those of `unfailed`, step and `MEASURED`.
+    """
     return unfailed(frames.cells).merge(measured_so_far(frames), on="run_id")
 
 
@@ -176,7 +183,10 @@ def ceilings(frames: Frames) -> pd.DataFrame:
 
 
 def ceiling_percent(frames: Frames, environment: str) -> float | None:
-    """Return the % of an environment's test tasks that any run masters, or None for several test sets."""
+    """Return the percentage of an environment's test tasks that any run masters.
+
+    The result is None unless the environment has exactly one test set in `frames`.
+    """
     rows = ceilings(frames)
     rows = rows[rows["environment"] == environment]
     return float(100 * rows["ever"].iloc[0] / rows["tasks"].iloc[0]) if len(rows) == 1 else None

@@ -28,7 +28,7 @@ def measure_names(shares: Sequence[float] = SHARES) -> list[str]:
 
 
 def steps_to(share: float) -> str:
-    """Return the column of `run_measures` for the first step that reaches `share` of the final mastered %."""
+    """Return the column of `run_measures` for the first step at `share` of the finally mastered tasks."""
     return f"steps_to_{round(100 * share)}_percent"
 
 
@@ -169,7 +169,7 @@ def _steps_to(curves: pd.DataFrame, shares: Sequence[float]) -> pd.DataFrame:
 
 
 def _forgotten(evaluations: pd.DataFrame, measured: pd.DataFrame) -> pd.Series:
-    """Return the % of test tasks mastered before but not at the last evaluation, by run_id."""
+    """Return the percentage of test tasks mastered before but not at the last evaluation, by run_id."""
     mastered = evaluations.loc[evaluations["mastered"], ["run_id", "task_index", "step"]]
     broken = measured.loc[measured["not_finite"] > 0, ["run_id", "step"]]
     if len(broken):
@@ -198,7 +198,7 @@ def _training_return(frames: Frames, rows: pd.DataFrame) -> pd.Series:
     return pd.concat([means, episodes.groupby("run_id")["episodic_return"].mean()])
 
 
-NEARLY_ALL = 95.0  # teachers that train on a smaller % of steps are also compared per trained step
+NEARLY_ALL = 95.0  # teachers that train on a smaller percentage of steps are also compared per trained step
 
 
 @computed_once
@@ -252,7 +252,7 @@ def trained_curves(frames: Frames) -> Curves:
 
 
 def trained_areas(curves: Curves, runs: pd.DataFrame, teacher: str, strata: Sequence[str]) -> pd.DataFrame:
-    """Return `runs` with a column `TRAINED`: mean mastered % over as many trained steps as `teacher` has.
+    """Return `runs` with the mean percentage of mastered tasks up to a limit of trained steps, as `TRAINED`.
 
     The limit of a stratum is the fewest trained steps of a run of `teacher`; runs that end before it, and
     those without training windows, have no value.
@@ -277,7 +277,7 @@ def trained_areas(curves: Curves, runs: pd.DataFrame, teacher: str, strata: Sequ
 
 
 def _mean_until(steps: NDArray[np.float64], mastered: NDArray[np.float64], limit: float) -> float:
-    """Return the mean mastered % over the first `limit` trained steps, by the trapezoidal rule."""
+    """Return the mean percentage of mastered tasks over `limit` trained steps, by the trapezoidal rule."""
     inside = steps < limit
     ends = np.array([0.0, *steps[inside], limit])
     heights = np.array([mastered[0], *mastered[inside], np.interp(limit, steps, mastered)])

@@ -42,7 +42,7 @@ def what_ran(cells: pd.DataFrame) -> str:
 
 
 def subject(sources: Sources, campaigns: Sequence[str]) -> str:
-    """Return the title of a report: the names of releases, a root's only campaign, or else folder names."""
+    """Return the title of a report: names of releases, and of a root's only campaign or its folder."""
     names = []
     for place in source_list(sources):
         if baseline := as_baseline(place):

@@ -60,7 +60,7 @@ class Answer:
 
 
 def answers(frames: Frames) -> Iterator[Answer]:
-    """Yield the answer for each level and budget with results of Random and several challenges or bodies."""
+    """Yield the answer for each leaderboard with Random and with several challenges or bodies."""
     for count, board in enumerate(leaderboards(frames), start=1):
         compared = [entry.against for entry in board.entries if entry.against]
         if len(board.columns) > 1 and compared:
@@ -202,7 +202,7 @@ def by_step(
 
 
 def _against_random(tested: Mapping[str, Mapping[Any, Mapping[Any, Any]]], key: Hashable) -> dict[str, str]:
-    """Return the table cells for the tests of `key` in both measures, as empty strings without tests."""
+    """Return the table cells for the tests of `key` in both measures, empty where there is no test."""
     tests = {axis: rows[key] for axis, rows in tested.items() if key in rows}
     if len(tests) < len(tested):
         return {"difference": "", "p": ""}

@@ -157,7 +157,7 @@ def _power(shift: float, first: Description, second: Description, significance: 
 def _critical_values(
     n: int, std: float, other_n: int, other_std: float, significance: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return Welch's critical differences (q, q) at pairs of sample variances, and pairs' weights (q, q)."""
+    """Return Welch's critical differences (q, q) at pairs of sample variances, and the weights (q, q)."""
     from scipy import special
 
     (variances, weights), (other_variances, other_weights) = _variances(n), _variances(other_n)

@@ -174,7 +174,7 @@ def welch(sample: pd.Series, reference: pd.Series) -> Comparison:
 
 
 def welch_of_values(sample: ArrayLike, reference: ArrayLike) -> Comparison:
-    """Like `welch`, for independent samples given as plain arrays (n,)."""
+    """Compare the means of two independent samples, given as arrays (n,), by Welch's test."""
     first, second = describe(sample), describe(reference)
     test = welch_from_statistics(first, second)
     if test.reason or first.std == second.std or min(first.std, second.std) > 0:
@@ -271,7 +271,7 @@ def stratified(
 
 
 def stratum_weights(challenges: Sequence[Hashable]) -> list[float]:
-    """Return the weight of each stratum, given its challenge: equal, and summing to 1, within challenges.
+    """Return the weight of each stratum, 1 over the number of strata of its challenge.
 
     Leaderboards, tests, claims and trials use these weights: a challenge counts once, however many strata it
     has.

@@ -128,7 +128,7 @@ DASH = "\N{EN DASH}"
 
 
 class TableFormat(StrEnum):
-    """Format of tables."""
+    """Output format of tables."""
 
     MARKDOWN = "markdown"
     LATEX = "latex"
@@ -150,7 +150,7 @@ def render(table: ResultTable, kind: TableFormat) -> str:
 
 
 class _Marks(NamedTuple):
-    """Markup of Markdown or LaTeX."""
+    """Markup of table cells in Markdown or in LaTeX."""
 
     escape: Callable[[str], str]
     bold: Callable[[str], str]

@@ -74,7 +74,7 @@ class Tracker(ABC):
 
 
 def watch(tracker: Tracker) -> Iterator[int]:
-    """Update `tracker` periodically, yielding the number of runs whenever any have new points; never ends."""
+    """Update `tracker` periodically, without end, and yield the number of runs with new points if any."""
     while True:
         time.sleep(UPDATE_SECONDS)
         if count := tracker.update():

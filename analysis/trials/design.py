@@ -125,7 +125,7 @@ class Design:
         return AXES if all(cell.end for cell in self.cells) else AXES[:1]
 
     def estimand(self, measure: str = HEADLINE) -> rules.Estimand:
-        """Return the estimand of a measure."""
+        """Return the estimand of a measure, from the weights and spreads of the cells."""
         spreads = [cell.spread(measure) for cell in self.cells]
         equal = 1 / len(self.cells)
         return rules.Estimand(
@@ -144,7 +144,7 @@ class Design:
         return [cell.key for cell in self.cells]
 
     def rule(self, reference: str, runs: rules.Floats, measure: str = HEADLINE) -> rules.DecisionRule:
-        """Return the decision rule of the comparison with a reference, given its `runs` per cell (cells,)."""
+        """Return the decision rule for comparing with `reference`, given its number of `runs` (cells,)."""
         candidates = 1 if is_baseline(reference) else self.candidates
         fractions = rules.planned_fractions(self.looks, self.estimand(measure).factors, runs)
         margin, error = self.margin_of(measure), self.error / rules.COMPARISONS

@@ -65,7 +65,7 @@ class InterimLook:
 
     seeds: int  # number of the new teacher's seeds per cell so far
     comparisons: tuple[LookComparison, ...]  # comparisons, those by the measure that ends trials first
-    settled: tuple[LookComparison, ...]  # each comparison at the look of its verdict, or else at this look
+    settled: tuple[LookComparison, ...]  # comparisons, each at the look of its verdict, or at this look
     ending: TrialEnding  # reason why the trial ends here, or `GOES_ON`
     excluded: int = 0  # number of runs excluded for non-finite returns
 
@@ -295,7 +295,7 @@ def _verdict(pair: Sequence[LookComparison]) -> str:
 
 
 def _quantity(design: Design) -> str:
-    """Return a phrase that defines what differences are: their unit, and how each measure is averaged."""
+    """Return a phrase that defines differences: their unit, and how each measure is averaged."""
     parts = [f"{AVERAGING[measure]} ({AXES[measure]})" for measure in design.axes]
     return f"points of test tasks mastered {' and '.join(parts)}"
 

@@ -116,7 +116,7 @@ class DecisionRule:
 
     @cached_property
     def upper(self) -> tuple[float, ...]:
-        """Boundaries for the upper ends of intervals, with Šidák's correction for the choice of the best.
+        """Boundaries for the upper ends of intervals, with Šidák's correction for choosing the best teacher.
 
         The best of several is overestimated and the difference to it underestimated, so only this end needs
         the correction.
@@ -210,7 +210,7 @@ class SimulatedOutcomes:
 
     verdicts: NDArray[np.str_]  # `TrialVerdict` of each comparison (2, trials)
     seeds: NDArray[np.int64]  # number of seeds per cell that the new teacher ran (trials,)
-    estimates: Floats  # difference in points at the look of the verdict, or else the last one (2, trials)
+    estimates: Floats  # difference in points at the look of the verdict, or at the last look (2, trials)
     errors: Floats  # standard error of the estimate (2, trials)
     looks: NDArray[np.int64]  # index of the look at which the estimate was made (2, trials)
     wrong: NDArray[np.bool_]  # True where either verdict is wrong (trials,)

@@ -95,7 +95,7 @@ def _frames(chart: Chart) -> Iterator[NDArray[np.uint8]]:
 
 
 def lay_out(chart: Chart) -> tuple[Figure, Drawn]:
-    """Return a figure with empty axes, one per panel of a chart, with bounds, ticks and headings."""
+    """Return a figure and the axes of each panel, empty but with bounds, ticks and headings."""
     rows, columns = len(chart.panels), len(chart.panels[0])
     width, height = chart.size
     top = chart.legend in (Legend.TOP, Legend.BESIDE)
@@ -247,7 +247,7 @@ def finish(figure: Figure, drawn: Drawn, chart: Chart) -> None:
 
 
 def _handles(chart: Chart) -> list[Line2D]:
-    """Return the legend handles of a chart's named marks and keys."""
+    """Return the legend handles of a chart's named marks and of its `keys`."""
     marks = {mark.name: mark for panel in chart.all_panels for mark in panel.marks if mark.name}
     lines = [] if chart.legend is Legend.BESIDE else [line_handle(mark) for mark in marks.values()]
     return [*lines, *map(mark_handle, chart.keys)]

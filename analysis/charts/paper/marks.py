@@ -24,7 +24,7 @@ DIAMETER, THICKNESS = 0.55, 0.75
 
 
 def draw_marks(axes: Axes, panel: base.Panel) -> None:
-    """Draw the marks of a panel in its axes, or else its `empty_text`."""
+    """Draw the marks of a panel in `axes`, or only its `empty_text` if it has one."""
     if panel.empty_text:
         style: dict[str, Any] = {"ha": "center", "va": "center", "color": MUTED}
         axes.text(0.5, 0.5, panel.empty_text, transform=axes.transAxes, **style)
@@ -174,7 +174,7 @@ def _(mark: base.Label, axes: Axes, _: base.Panel) -> None:
 
 
 def _draw_stars(row: base.StarRow, axes: Axes, level: int) -> None:
-    """Draw a row of stars above a panel, with the line's marker at its end."""
+    """Draw a row of stars above a panel, followed by the marker of their line."""
     colour = row.look.colour
     rise = ScaledTranslation(0, (5 + STAR_ROW * level) / 72, axes.figure.dpi_scale_trans)
     along = axes.get_xaxis_transform() + rise
