@@ -67,7 +67,7 @@ def _stump_tracks(
     resets: tuple[float, ...] = (),
     cuts: int = 0,
 ) -> Challenge:
-    """Return a challenge of Stump Tracks with mean stump heights in `heights`."""
+    """Return a challenge of Stump Tracks with the given bounds of the stump height, resets and cuts."""
     return Challenge(
         environment="stump_tracks",
         name=name,

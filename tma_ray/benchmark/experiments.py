@@ -224,7 +224,7 @@ TEACHERS = ("random", *sorted(TEACHER_GRIDS))  # the teachers compared in the pa
 
 @dataclass(frozen=True)
 class Experiment:
-    """Experiment of the benchmark, with its own script.
+    """Experiment of the benchmark: matrices, teachers, stages and size.
 
     Attributes:
         name: name of the experiment, its script and its campaign.

@@ -299,7 +299,7 @@ SLOWEST = Throughput("any", training=20, playing=2_000, transition_bytes=0, lear
 
 @dataclass(frozen=True)
 class Cost:
-    """Estimated cost of a plan.
+    """Estimated time, disk space and memory of a plan.
 
     Attributes:
         throughputs: speed of each kind of run.

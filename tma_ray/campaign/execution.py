@@ -205,7 +205,7 @@ def _check_access(store: Store, nodes: Sequence[dict[str, Any]], probe: str | No
 
 
 def can_access(store: Store, probe: str | None) -> bool:
-    """Return True if this node can access the file `probe` of `store`, or its bucket if `probe` is None."""
+    """Return True if this node can access `store`: the file `probe` in it or, if None, its bucket."""
     if probe is not None:
         return store.exists(probe)
     store.check_access()

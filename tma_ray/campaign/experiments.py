@@ -107,7 +107,7 @@ def chosen_matrices(experiment: Experiment, size: Size, options: ExperimentOptio
 
 
 def plan_and_cost(experiment: Experiment, options: ExperimentOptions) -> tuple[Plan, Cost]:
-    """Return the plan of the selected runs and its cost, on the cluster if the options include an address."""
+    """Return the plan of the selected runs and its cost on this machine, or on the cluster in `options`."""
     plan, config = experiment_plan(experiment, options), options.config()
     nodes = options.nodes(config.device) if options.address else None
     return plan, estimate(plan, config, nodes=nodes)

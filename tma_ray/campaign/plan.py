@@ -258,7 +258,7 @@ QUICKSTART = CampaignSpec(
 
 
 def planned_experiments(plan: Plan) -> list[dict[str, Any]]:
-    """Return the sizes of the experiments of `plan`, in order.
+    """Return the numbers of cells, runs and steps of each experiment in `plan`, in order.
 
     ``cells`` counts combinations of body, student, teacher and level; ``asked`` those with their seeds, as
     the paper counts runs; ``executed`` and ``steps`` the runs that are in no earlier experiment.

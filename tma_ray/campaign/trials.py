@@ -119,7 +119,7 @@ def _stopped_at(deadline: float | None, results: str) -> Iterator[None]:
 
 
 def simulated_cells(teacher: str, places: Sequence[tuple[str, ...]]) -> list[matrix.SimulatedCell]:
-    """Return the simulated cells of a trial, one per cell of its design (`places`).
+    """Return the simulated cells of a trial, one for each cell key in `places`.
 
     Raises:
         ValueError: if a challenge exceeds the limits that the teacher declares.

@@ -126,7 +126,7 @@ def _started(options: TrialOptions, trial: _Trial, plans: list[Plan]) -> int:
 
 @dataclass
 class _Trial:
-    """State of a running trial.
+    """Running trial, with its design, the released runs and the interim looks so far.
 
     Attributes:
         store: results root.

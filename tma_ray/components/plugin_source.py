@@ -121,7 +121,7 @@ class _Collector:
         raise FileNotFoundError(module)
 
     def add(self, module: str) -> None:
-        """Add `module`, its parent packages, and their imports."""
+        """Add the files of `module` and its parent packages and, recursively, those of their imports."""
         parts = module.split(".")
         for length in range(1, len(parts) + 1):
             name = ".".join(parts[:length])

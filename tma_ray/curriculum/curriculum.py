@@ -233,7 +233,7 @@ class Curriculum:
             return assignment
 
     def end(self, played: PlayedEpisode) -> None:
-        """Report an episode to the teacher, and answer its queries.
+        """Report an episode to the teacher, and answer the teacher's queries.
 
         Raises:
             ValueError: if the episode is not under way.
@@ -275,7 +275,7 @@ class Curriculum:
             return self._checked.probe(count)
 
     def save(self, folder: str | Path) -> None:
-        """Save the curriculum, without the episodes under way, and its record as a results root.
+        """Save the curriculum, without episodes under way, and a record of it as a results root.
 
         A curriculum saved earlier in the folder is replaced.
 

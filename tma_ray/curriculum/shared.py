@@ -1,4 +1,4 @@
-"""Curriculum shared by several processes: its server and picklable handles."""
+"""Server and picklable handles of a curriculum that several processes share."""
 
 import os
 import secrets

@@ -46,7 +46,7 @@ class CurriculumEnvironment(gymnasium.Wrapper[Any, Any, Any, Any]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Begin an episode on the next task of the curriculum."""
+        """Begin an episode on the next task of the curriculum, unless `options` has a "task"."""
         self._abandon()
         if options and "task" in options:
             return self.env.reset(seed=seed, options=options)
@@ -96,7 +96,7 @@ class CurriculumWorlds(VectorWrapper):
         self._worlds.next_task = self._next_task
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Begin episodes on the next tasks of the curriculum, unless the caller specifies tasks."""
+        """Begin episodes on the next tasks of the curriculum, unless `options` has a "task"."""
         mask = (options or {}).get("reset_mask")
         begun = np.ones(self.num_envs, np.bool_) if mask is None else np.asarray(mask)
         self._abandon(begun)

@@ -108,7 +108,7 @@ class Committer:
             return None
 
     def start(self, run: RunRecord) -> int:
-        """Start a new attempt at a run, making older attempts stale, and return its number.
+        """Start a new attempt at a run, make older ones stale, and return the new attempt's number.
 
         Published results stay visible. The row of a previous attempt whose driver died is written here.
         """
@@ -216,7 +216,7 @@ class Committer:
         if self.store.exists(path) and self.store.read_bytes(path) == WITHDRAWN:
             return
         record = read_progress(self.store, run_id, attempt)
-        if record is None:  # take the time of its manifest as the start
+        if record is None:  # take the modification time of the manifest as the start
             written_at, _ = self.store.stamps(layout.MANIFESTS).get(
                 layout.manifest_path(run_id), (None, None)
             )

@@ -211,7 +211,7 @@ class Journal:
             return store.read_json(JOURNAL, cls)
         except FileNotFoundError:
             return cls()
-        except DamagedFileError as error:  # files to delete then stay, but no reader uses them
+        except DamagedFileError as error:  # the files to delete then stay, but no reader uses them
             warnings.warn(str(error), DamagedFileWarning, stacklevel=2)
             return cls()
 
@@ -475,7 +475,7 @@ def add_shard(results: Results, target: Store, name: str) -> Shard:
 
 
 def start_from(store: Store, source: Store) -> int:
-    """Copy the finished runs missing from `store`, with their cells, from `source`; return their number.
+    """Copy from `source` the finished runs missing from `store`, with their cells; return their number.
 
     A campaign on that root then only runs what is missing.
 

@@ -149,11 +149,11 @@ class HeartbeatWriter:
 
 @dataclass(frozen=True)
 class LeaseFile:
-    """Content of a lease file.
+    """Holder, token and last renewal of a lease, as stored in its file.
 
     Attributes:
         holder: campaign, host and process, for messages.
-        token: unique random text.
+        token: unique random string.
         renewed_at: time of the last renewal by the holder's clock, s since 1970.
         process: process of the holder, None if unknown.
     """
@@ -364,7 +364,7 @@ class Lease:
 
 
 def ask_to_stop(store: Store) -> str:
-    """Ask the campaign that holds a results root to stop with checkpoints, and return its name.
+    """Ask the holder of a results root's lease to stop with checkpoints, and return the holder's name.
 
     Raises:
         NotRunningError: if no campaign holds the root.

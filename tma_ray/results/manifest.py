@@ -62,7 +62,7 @@ class PartFile:
 
     @classmethod
     def write(cls, store: Store, path: str, table: Table, rows: int, data: bytes) -> Self:
-        """Write a table's encoded rows to a file, and return its description."""
+        """Write a table's encoded rows to a file, and return the instance that describes the file."""
         store.write_bytes(path, data)
         return cls(table, path, rows, hashlib.sha256(data).hexdigest())
 
@@ -115,7 +115,7 @@ class Manifest:
             raise
 
     def check(self, run_id: str) -> None:
-        """Raise a ValueError if the manifest, its spec or its files belong to a run other than `run_id`."""
+        """Raise a ValueError if the manifest is implausible, or any part of it is not about run `run_id`."""
         if self.run.run_id != run_id:
             raise ValueError(f"it is about another run, {self.run.run_id!r}")
         check_spec(self.run)

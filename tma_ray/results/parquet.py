@@ -269,7 +269,7 @@ def _check_size(
 
 
 def _present(file: pq.ParquetFile, columns: Sequence[str]) -> list[str]:
-    """Return those of `columns` that `file` has; if it has none, its first column, for the row count."""
+    """Return the `columns` that `file` has, or its first column if it has none of them, to count rows."""
     names = file.schema_arrow.names
     return [name for name in columns if name in names] or names[:1]
 

@@ -164,7 +164,7 @@ class TrialLook:
 
 @dataclass(frozen=True)
 class TrialFile:
-    """Content of `TRIAL_FILE`.
+    """Design, interim looks and end of a trial, as stored in `TRIAL_FILE`.
 
     Attributes:
         design: design of the trial, fixed beforehand.

@@ -62,7 +62,7 @@ class Report:
 
 
 class Attempt:
-    """Execution of a run in this process, either from its newest checkpoint or from the start.
+    """Attempt at a run in this process, from the newest checkpoint or, if there is none, from the start.
 
     `execute` fetches input files, resumes, trains, commits at checkpoints and finishes, with a log in the
     results root. Other threads may call the other methods.
@@ -294,7 +294,7 @@ def run_locally(
     should_stop: Callable[[], bool] = lambda: False,
     on_status: Callable[[Status], None] = lambda _: None,
 ) -> AttemptOutcome:
-    """Run `spec` in this process, from its newest checkpoint if there is one.
+    """Execute a run in this process, from its newest checkpoint if any, and return the outcome.
 
     Args:
         spec: run to execute, unless the root has its results.

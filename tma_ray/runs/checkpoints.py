@@ -39,7 +39,7 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class StateFile:
-    """One file of a checkpoint.
+    """File of a checkpoint, with its checksum and size.
 
     Attributes:
         path: path in the folder of the run's checkpoints, in this checkpoint or an earlier one.
@@ -114,7 +114,7 @@ class Checkpoints:
         self._intact = False  # True if `_latest` is the state that the run last saved or loaded
 
     def save(self, run: Run, parts: Sequence[PartFile], fingerprint: str) -> int:
-        """Write a checkpoint of `run`, keep only one older one, and return the number of bytes written."""
+        """Write a checkpoint of `run`, keep one older checkpoint, and return the number of bytes written."""
         step = run.progress.step
         name = f"{step:012d}-attempt-{self._attempt:03d}"
         incremental, self._intact = self._intact, False  # stays False until the index is written

@@ -108,7 +108,7 @@ def captured(part: str, options: Mapping[str, Any]) -> tuple[dict[str, Any], dic
 
     Args:
         part: "environment", "student" or "teacher".
-        options: options by name. A text names a file if it is an existing path with a suffix or a folder,
+        options: options by name. A string names a file if it is an existing path with a suffix or a folder,
             optionally followed by settings.
 
     Returns:

@@ -17,7 +17,7 @@ from tma_ray.support.validation import check_fields
 DEVICES = ("cpu", "cuda", "mps", "xpu")
 """Torch devices on which a student can train; Ray counts CUDA's and Intel's as GPUs."""
 
-PLAYER_NICENESS = 5  # added to the niceness of a player's thread, since many players wait for one learner
+PLAYER_NICENESS = 5  # added to the niceness of a worker's thread, since many workers wait for one learner
 
 LIBRARIES = ("numpy", "torch", "stable-baselines3", "gymnasium", "pymunk", "numba", "scikit-learn", "scipy")
 

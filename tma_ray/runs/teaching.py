@@ -126,7 +126,7 @@ class CheckedTeacher:
 
 
 class InlineTeacher:
-    """Link to the teacher of `spec` in this process.
+    """Link to a run's teacher in this process.
 
     Raises:
         ValueError: if the teacher refuses a hyper-parameter, or its source differs from the planned one.

@@ -240,7 +240,7 @@ class TeacherConformance:
         return self.teacher.knowledge_levels[-1]
 
     def _started(self, scenario: Scenario, seed: int = 0, level: KnowledgeLevel | None = None) -> Teacher:
-        """Return a started teacher; if it does not call `super().start`, fail one test and skip the rest."""
+        """Return a started teacher; if it never calls `super().start`, fail once, and skip later tests."""
         if self.teacher in _UNSTARTED:
             raise SkipTest(f"{self._name}.start() does not call super().start()")
         try:

@@ -126,7 +126,7 @@ class Simulation:
         return task if self.landscape is None else self.landscape.to_world(task)
 
     def _outcomes(self, tasks: Task, _greedy: bool) -> Outcomes:
-        """Return the outcomes of an evaluation, and count its episodes."""
+        """Play one episode of each task without learning, count the episodes, and return the outcomes."""
         checked = [check_task(task, self.teacher.space) for task in tasks]
         played = np.array([self.student.play(self._world(task), trains=False) for task in checked])
         self.episodes += len(played)

@@ -44,7 +44,7 @@ Evaluate = Callable[
 
 
 def report_episode(teacher: Teacher, episode: Episode, state_values: StateValues, evaluate: Evaluate) -> None:
-    """Report `episode` to `teacher` and answer its queries.
+    """Report `episode` to `teacher`, and answer the teacher's queries.
 
     Raises:
         ValueError: if a query for a trajectory or an evaluation was not declared in the teacher's class.

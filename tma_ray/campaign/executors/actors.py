@@ -41,7 +41,7 @@ def node_strategy(node: str, avoid: Sequence[str] = ()) -> Any:
 
 
 def launcher(kind: type, resources: Resources, strategy: Any, concurrent_calls: int) -> Any:
-    """Return a Ray actor class for `kind`, whose ``remote`` creates an actor that Ray never restarts."""
+    """Return `kind` as a Ray actor class with the given resources; Ray never restarts its actors."""
     remote: Any = ray.remote(kind)
     return remote.options(
         num_cpus=resources.cpus,
@@ -83,7 +83,7 @@ class TeacherActor(InlineTeacher):
 def _remote(
     method: Callable[Concatenate[InlineTeacher, Arguments], Result],
 ) -> Callable[Concatenate[RemoteTeacher, Arguments], Result]:
-    """Return a method of `RemoteTeacher` that calls `method` on its actor, with one message each way."""
+    """Return a method for `RemoteTeacher` that calls `method` in the teacher's actor."""
 
     def call(self: RemoteTeacher, /, *arguments: Arguments.args, **options: Arguments.kwargs) -> Result:
         if self.starting is not None:
@@ -277,7 +277,9 @@ class LearnerActor:
 
 
 def wait_for_end(thread: threading.Thread, turned_at: Callable[[], float | None]) -> None:
-    """Wait until a learner's thread ends; `turned_at` returns the `time.monotonic` of its last update.
+    """Wait until a learner's thread ends, or raise an error if its updates have stopped.
+
+    `turned_at` returns the time (`time.monotonic`) of the last update, or None before the first.
 
     Raises:
         TimeoutError: if an update takes longer than `LONGEST_TURN`.

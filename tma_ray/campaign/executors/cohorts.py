@@ -129,7 +129,7 @@ logger = logging.getLogger(__name__)
 
 @dataclass
 class _Cohort:
-    """A learner and the runs in its slots."""
+    """Learner of a cohort, with the runs in its slots."""
 
     actor: Any
     node: str
