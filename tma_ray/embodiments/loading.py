@@ -108,7 +108,7 @@ def _copied(entry: Entry, section: Repeat, number: int, count: int) -> Entry:
 
 
 def body_parameters(text: str) -> tuple[str, dict[str, float]]:
-    """Split a body's name or path from its parameters.
+    """Split `text` into the name or path of a body and its parameters.
 
     Raises:
         ValueError: if a parameter is not a number, or is given twice.
@@ -128,7 +128,7 @@ def body_parameters(text: str) -> tuple[str, dict[str, float]]:
 
 
 def resized(body: Embodiment, size: float) -> Embodiment:
-    """Return `body` with all lengths multiplied by `size`, keeping densities and torques.
+    """Return `body` with all lengths multiplied by `size`, and with the same densities and torques.
 
     Raises:
         ValueError: if the size is not positive, or implausible.

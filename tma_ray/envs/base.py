@@ -106,7 +106,7 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Build the world of a task and return its first observation.
+        """Build the world of a task, and return the first observation and the info.
 
         Args:
             seed: seed of this episode and those after it.

@@ -47,7 +47,7 @@ class EngineEnvironment(Protocol):
 
 
 def lock_step(environments: Sequence[gymnasium.Env[Any, Any]], threads: int = 1) -> "LockStep":
-    """Return the fastest stepper for new `environments` of one class.
+    """Return the fastest `LockStep` for new `environments` of one class.
 
     Raises:
         ValueError: if there are more threads than environments, or several without the benchmark's engine.
@@ -62,7 +62,7 @@ def lock_step(environments: Sequence[gymnasium.Env[Any, Any]], threads: int = 1)
 
 
 class LockStep:
-    """Stepper of n environments of one class that steps them one after the other.
+    """Group of n environments of one class, stepped one after the other.
 
     Attributes:
         episodic_returns: sums of the rewards of the current episodes (n,).
@@ -119,7 +119,7 @@ class LockStep:
 
 
 class EngineLockStep(LockStep):
-    """Stepper of environments that steps their engines in one compiled call."""
+    """Group of environments whose engines are stepped in one compiled call."""
 
     def __init__(self, environments: Sequence[gymnasium.Env[Any, Any]], threads: int = 1) -> None:
         super().__init__(environments)

@@ -65,7 +65,7 @@ class Engine(Protocol):
 
     @property
     def creeper_poses(self) -> NDArray[np.float64]:
-        """Poses of the creepers (c, 4): centre in m, cosine and sine of the angle."""
+        """Poses of the creepers (c, 4), with x and y of the centre in m, cosine and sine of the angle."""
         ...
 
     def reset(self, terrain: Terrain, push: float) -> NDArray[np.float32]:

@@ -223,7 +223,7 @@ def _near_segment(x: float, y: float, reach: float, segment: Floats) -> bool:
 
 @kernel
 def holder_anchor(point: Floats, held: int, world: World) -> tuple[float, float]:
-    """Return `point` in the frame of the `held` object: a swinging creeper, or else the world."""
+    """Return `point` in the frame of the `held` swinging creeper, or of the world for other objects."""
     if held < 0 or world.movable[held] == 0:
         return point[0], point[1]
     pose = world.poses[held]

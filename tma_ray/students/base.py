@@ -44,7 +44,7 @@ class Transition(NamedTuple):
 
 
 class Student(ABC):
-    """Deep-RL algorithm with its networks and experience buffer, called by the run at every step.
+    """Base class of students, deep-RL algorithms with their networks and experience buffer.
 
     For every step the run calls `act`, steps the environment, and calls `observe`; the transitions of
     an episode arrive in order. The run constructs a plug-in as

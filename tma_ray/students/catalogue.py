@@ -35,7 +35,7 @@ class StudentRegistry(Registry[type[Student]]):
         return sorted({*super().names(), *ALGORITHMS}, key=lambda name: (name in ALGORITHMS, name))
 
     def get(self, name: str) -> type[Student]:
-        """Return the student called `name`; case is ignored after ``stock:``.
+        """Return the student class called `name`; case is ignored after ``stock:``.
 
         Raises:
             UnknownNameError: if `name` is unknown, or its package is not installed.

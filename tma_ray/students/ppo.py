@@ -184,7 +184,7 @@ class PPOUpdate:
             self._trunks = torch.from_numpy(network.layout.trunks(means)).to(network.gradient)
 
     def __call__(self, rollout: Rollout) -> None:
-        """Train for several epochs on the finished `rollout`."""
+        """Train on the finished `rollout` for all epochs, and log the metrics."""
         hyper, model = self._hyper, self._model
         batches = (batch for _ in range(hyper.epochs) for batch in rollout.get(hyper.batch_size))
         terms = [self.train_on(batch) for batch in batches]

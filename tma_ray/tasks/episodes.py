@@ -91,7 +91,7 @@ class Episode:
 
 @dataclass(frozen=True)
 class WeightedGaussian:
-    """Mixture component of a teacher's task distribution: weight, mean (d,) and covariance (d, d)."""
+    """Component of a teacher's task distribution, a Gaussian with weight, mean (d,) and covariance (d, d)."""
 
     weight: float
     mean: NDArray[np.float64]
@@ -100,7 +100,7 @@ class WeightedGaussian:
 
 @dataclass(frozen=True)
 class ScoredBox:
-    """Box in a teacher's task distribution: lower and upper bounds (d,), and score."""
+    """Box in a teacher's task distribution, with lower and upper bounds (d,) and a score."""
 
     low: NDArray[np.float64]
     high: NDArray[np.float64]
@@ -155,7 +155,7 @@ class Outcomes:
 
 
 class QueryKind(StrEnum):
-    """Kinds of queries from a teacher, between `observe` and the next `sample`."""
+    """Kinds of queries that a teacher may make between `observe` and the next `sample`."""
 
     STATE_VALUES = "state_values"
     """Query for V(s) of observations under the current student, float64 (n,)."""

@@ -64,7 +64,7 @@ class TestSet:
 
     @classmethod
     def from_csv(cls, path: str | Path, name: str | None = None) -> "TestSet":
-        """Read a test set from CSV: a header of dimension names, then one task per line.
+        """Read a test set from a CSV file with a header of dimension names and one task per line.
 
         A byte order mark, as written by Excel, and blanks around names and numbers are ignored.
 
@@ -140,7 +140,7 @@ class KnowledgeLevel(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class Gaussian:
-    """Axis-aligned Gaussian over tasks: mean (d,) and variance (d,), in task units."""
+    """Axis-aligned Gaussian over tasks, with mean (d,) and variance (d,) in task units."""
 
     mean: NDArray[np.float64]
     variance: NDArray[np.float64]

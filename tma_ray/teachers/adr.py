@@ -13,7 +13,7 @@ from tma_ray.teachers.numerics import draw_in_box
 
 
 class Boundary(NamedTuple):
-    """Boundary of the box: side 0 (lower) or 1 (upper) of a dimension."""
+    """Boundary of the box, at side 0 (lower) or 1 (upper) of a dimension."""
 
     side: int
     dimension: int

@@ -48,7 +48,7 @@ class Performance(NamedTuple):
         return np.concatenate(results).astype(np.float64)
 
 
-CANDIDATES, LINE_CANDIDATES = 20, 10  # per particle: in a ball around it, on the line to its target
+CANDIDATES, LINE_CANDIDATES = 20, 10  # per particle, in a ball around it and on the line to its target
 
 
 def moved(

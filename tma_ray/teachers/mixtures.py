@@ -126,7 +126,10 @@ class MixtureTeacher(Teacher):
         self.mixture_: Mixture | None = None
 
     def sample(self) -> Task:
-        """Return a task (d,) from the mixture or a uniform one; an initial one before the first fit."""
+        """Return a task (d,) from the mixture or, with probability `explore`, a uniform one.
+
+        Before the first fit it is uniform or, at high expert knowledge, from the initial Gaussian.
+        """
         if self.mixture_ is None:
             return self._bootstrap(self.rng)
         if self.rng.random() < self.explore:
@@ -154,7 +157,7 @@ class MixtureTeacher(Teacher):
             self.log(TeacherUpdate(gaussians=gaussians, scalars=scalars))
 
     def probe(self, count: int) -> Task:
-        """Return `count` tasks (count, d) from the mixture, or initial ones before the first fit."""
+        """Return `count` tasks (count, d) from the mixture or, before the first fit, as in `sample`."""
         rng = self.probe_rng()
         if self.mixture_ is None:
             return np.stack([self._bootstrap(rng) for _ in range(count)])

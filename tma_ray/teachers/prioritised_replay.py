@@ -75,8 +75,8 @@ def negative_advantage(trajectory: Trajectory, values: Array, gae_lambda: float)
             break
         before = sums[: len(errors) - length]
         longer = np.minimum(before + trajectory.gamma**length * errors[length:], 0.0)
-        # averages sums of n steps with the weights (1 - lambda) lambda^(n - 1), of which the longest sum of
-        # a state takes the rest
+        # averages n-step sums with the weights (1 - lambda) lambda^(n - 1); the longest sum of each state has
+        # the remaining weight
         total += weight * float((longer - before).sum())
         sums[: len(longer)] = longer
     return -total / len(errors)
@@ -148,7 +148,7 @@ class TaskBuffer:
         return slots
 
     def replay(self, slot: int) -> Task:
-        """Return the task (d,) in `slot`, and increase the staleness of all other tasks."""
+        """Return the task (d,) in `slot`; reset its staleness, and increase that of all other tasks."""
         self.staleness += 1
         self.staleness[slot] = 0
         task: Task = self.tasks[slot].copy()

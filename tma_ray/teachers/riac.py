@@ -16,7 +16,7 @@ from tma_ray.teachers.numerics import Array, draw_in_box, draw_in_proportion
 
 
 class Cut(NamedTuple):
-    """Cut across `dimension`; tasks up to the float32 `threshold` are on its left."""
+    """Cut across `dimension`, with tasks of at most the float32 `threshold` on the left."""
 
     dimension: int
     threshold: float
@@ -163,8 +163,8 @@ def _progress(members: NDArray[np.bool_], returns: Array) -> Array:
     return np.where(count > 2, np.abs(later_mean - earlier_mean), 0.0)
 
 
-KEPT_BY_PARTS = 20  # capacity of a region over the smallest number of episodes in a part (original release)
-FORGOTTEN = 4  # capacity of a region over the number of episodes dropped without a valid cut (as above)
+KEPT_BY_PARTS = 20  # ratio of a region's capacity to the fewest episodes in a part (original release)
+FORGOTTEN = 4  # ratio of a region's capacity to the episodes dropped without a valid cut (as above)
 
 
 @dataclass
@@ -219,7 +219,7 @@ class RIAC(Teacher):
         self.episodes_since_log_ = 0
 
     def sample(self) -> Task:
-        """Return a task (d,): mutated, uniform over the space, or uniform in a chosen region."""
+        """Return a task (d,) that is uniform in a chosen region, uniform over the space, or mutated."""
         strategy = self.rng.random()
         if strategy < self.mutate:
             region = self._draw_region(self.rng)

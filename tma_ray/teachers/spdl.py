@@ -46,7 +46,7 @@ class FullGaussian:
         return float(squares / 2 - np.log(np.diag(seen.factor)).sum())
 
     def log_ratio(self, points: Array) -> Array:
-        """Return the log density (n,) at `points` (n, d) minus the standard Gaussian's."""
+        """Return the log density ratio (n,) of this to the standard Gaussian at `points` (n, d)."""
         gained = (points**2).sum(axis=1) - (self.whiten(points) ** 2).sum(axis=1)
         ratio: Array = gained / 2 - np.log(np.diag(self.factor)).sum()
         return ratio

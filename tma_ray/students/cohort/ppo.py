@@ -27,7 +27,7 @@ METRICS = "policy_gradient_loss", "value_loss", "approx_kl", "clip_fraction"
 
 
 class PPONetworks(NamedTuple):
-    """Learned state of a run in host memory: parameters without padding (p,), and the state of Adam."""
+    """Learned state of a run in host memory, with unpadded parameters (p,) and the state of Adam."""
 
     parameters: NDArray[np.floating]
     mean: NDArray[np.floating]

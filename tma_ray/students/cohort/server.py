@@ -34,7 +34,7 @@ class Delivery(NamedTuple):
 
     @classmethod
     def of(cls, receivers: Sequence[Connection], rows: torch.Tensor) -> "Delivery":
-        """Start copying `rows` (n, ...) to the host, one for each of n `receivers`."""
+        """Start copying `rows` (n, ...), one for each of n `receivers`, and return the delivery."""
         if rows.device.type != "cuda":
             return cls(receivers, rows.to("cpu"), None)
         memory = torch.empty(rows.shape, dtype=rows.dtype, pin_memory=True)
@@ -188,7 +188,7 @@ class LearnerServer:
             buffer.close()
 
     def _update(self) -> None:
-        """Perform some pending updates, and start copying the weights of runs that have none left."""
+        """Perform a batch of pending updates, and start copying the weights of runs that have none left."""
         for stack in self._pool.stacks:
             due = [slot for number, slot in self._learning if number == id(stack)]
             if not due:

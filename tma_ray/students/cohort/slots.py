@@ -57,7 +57,10 @@ class RunSlot(ABC):
         return self.weights()
 
     def save(self, folder: Path, state: WorkerState, incremental: bool) -> Callable[[], tuple[str, ...]]:
-        """Return a function that writes the complete state; any thread may call it while the run waits."""
+        """Copy the state into the student, and return a function that writes it to `folder`.
+
+        Any thread may call the function while the run waits.
+        """
         self._copy_back()
         self.student.restore_experience(state.experience)
         for generator, saved in zip(self.student._generators[:2], state.generators[:2], strict=True):
@@ -71,7 +74,7 @@ class RunSlot(ABC):
         return self.weights(), WorkerState(generators, self.student.experience())
 
     def save_policy(self, folder: Path, state: WorkerState) -> None:
-        """Write the greedy policy to `folder`."""
+        """Copy the networks and `state` into the student, and write its greedy policy to `folder`."""
         self._copy_back()
         self.student.restore_experience(state.experience)
         self.student.save_policy(folder)
@@ -170,7 +173,7 @@ class LearnerPool:
         self._free: dict[int, list[int]] = {}
 
     def join(self, request: JoinRequest) -> RunSlot:
-        """Return a slot for a new run.
+        """Assign a free slot to a new run, creating its stacked learner if needed.
 
         Raises:
             CohortFullError: if all slots of its stack are taken.

@@ -30,7 +30,10 @@ class ActingNetwork(Protocol):
 
 
 class ActingStudent(Student):
-    """Base class of students with box spaces and one random generator per purpose."""
+    """Base class of students that act with a network in box spaces.
+
+    They have one random generator per purpose.
+    """
 
     _acting: ActingNetwork
 

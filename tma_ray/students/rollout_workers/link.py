@@ -207,7 +207,7 @@ class LearnerLink:
 
 
 def ask_learner(learner: Learner, request: str) -> dict[str, Any]:
-    """Return the reply to a request about the learner: "account" or "hardware".
+    """Send the learner a request, "account" or "hardware", and return the reply.
 
     The account has the seconds spent on each part of the work and numbers of updates, the hardware the
     device, GPU and width that results depend on.

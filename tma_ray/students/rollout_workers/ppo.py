@@ -199,7 +199,7 @@ _STORED = ("observations", "actions", "rewards", "ended", "values", "log_probabi
 
 
 class PPOActing(ActingStudent):
-    """Base class of PPO and its rollout worker: normalisation, action selection and rollout buffer."""
+    """Base class of PPO and its rollout worker, with normalisation, action selection and rollout buffer."""
 
     algorithm_version = PPOHyperparameters.algorithm_version
     hyperparameters_type = PPOHyperparameters
@@ -286,7 +286,10 @@ class PPORolloutWorker(PPOActing, RolloutWorker):
             self._greedy = ArrayNetwork(self._acting.layout, self._low.size)
 
     def _load_weights(self, weights: Weights) -> None:
-        """Load `weights`: the network's parameters, followed by the log standard deviation (a,)."""
+        """Load new `weights`, and update the moving average of the parameters.
+
+        The weights are the network's parameters, followed by the log standard deviation (a,).
+        """
         count = self._low.size
         parameters = weights[:-count]
         self._acting.load(parameters)

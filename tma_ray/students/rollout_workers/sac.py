@@ -85,7 +85,7 @@ def rescale(low: Actions, high: Actions, actions: Actions) -> Actions:
 
 
 class SACActing(ActingStudent):
-    """Base class of SAC and its rollout worker: actions are uniform at first, then drawn from the policy."""
+    """Base class of SAC and its rollout worker, which draw actions uniformly at first, then by the policy."""
 
     algorithm_version = SACHyperparameters.algorithm_version
     hyperparameters_type = SACHyperparameters

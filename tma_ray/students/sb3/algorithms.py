@@ -360,7 +360,7 @@ class OffPolicyStudent(AlgorithmStudent):
                 self.model.train(gradient_steps=count, batch_size=hyper.batch_size)
 
     def state_values(self, observations: Observations) -> NDArray[np.float64]:
-        """Return V(s) (n,): the critics' minimum averaged over sampled actions, plus the entropy bonus."""
+        """Return V(s) (n,), the critics' minimum averaged over sampled actions, plus the entropy bonus."""
         model, inputs = self.model, as_batch(observations, self.device)
         model.policy.set_training_mode(False)
         with torch.no_grad(), torch.random.fork_rng():
