@@ -25,7 +25,7 @@ ONE_COLUMN, TWO_COLUMNS, PAGE_WIDTH = 3.3, 6.9, 10.2
 """Widths of a paper's column, of both columns, and of a page on the screen, in inches."""
 
 LEAST_PERCENT = 5.0
-"""Smallest upper end of axes of mastered %, so that one mastered task out of a hundred stays near 0."""
+"""Smallest upper end of axes of percentages, so that one mastered task out of a hundred stays near 0."""
 
 TEACHERS_PER_PANEL = 8  # maximum number of teachers in one panel, besides Random
 LONGEST_NAME = 38  # maximum length of a teacher's name in a chart

@@ -46,7 +46,7 @@ from tma_ray.support.component_names import base_name
 class Sample:
     """Results for a reading of a claim: values of runs, or published statistics."""
 
-    description: Description  # size, mean over strata, and standard deviation of mastered %
+    description: Description  # size, mean over strata, and standard deviation of mastered_percent
     strata: Mapping[str, pd.Series] = field(default_factory=dict)  # values of the runs, by body and student
     seeds: Seeds = field(default_factory=dict)  # seeds of paired runs, by run id
     least: Mapping[str, float] = field(default_factory=dict)  # `statistics.least_variance`, by stratum

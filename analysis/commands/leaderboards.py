@@ -135,7 +135,7 @@ def _described(baseline: Baseline) -> tuple[str, str, str]:
 
 
 def difference_charts(name: str) -> Iterator[tuple[str, Chart]]:
-    """Yield the charts that `markdown` refers to, each with its file name."""
+    """Yield the file name and the chart of each picture to which `markdown` refers."""
     for position, board in enumerate(leaderboards(frames := read(name)), start=1):
         if any(entry.against for entry in board.entries):
             compared = [entry.against for entry in board.entries if entry.against]

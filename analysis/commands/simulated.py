@@ -90,12 +90,12 @@ def recovery_table(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def markdown(table: pd.DataFrame) -> str:
-    """Return a table of strings as Markdown."""
+    """Convert a table of strings to Markdown."""
     return pipe_table(list(table.columns), table.to_numpy().tolist()) + "\n"
 
 
 def rich_table(table: pd.DataFrame, title: str) -> Table:
-    """Return a table of strings for display in a terminal."""
+    """Convert a table of strings to a rich table for the terminal."""
     grid = Table(title=title, title_justify="left", box=None)
     for index, column in enumerate(table.columns):
         grid.add_column(column.replace("_", " "), justify="left" if index < 2 else "right")

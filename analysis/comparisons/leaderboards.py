@@ -225,7 +225,7 @@ def challenge_sets(runs: pd.DataFrame) -> Iterator[tuple[pd.DataFrame, int]]:
 
 
 def _distinction(where: Mapping[str, Any], part: pd.DataFrame, runs: pd.DataFrame) -> list[str]:
-    """Return the environments and conditions, as text, that distinguish `part` from the other `runs`."""
+    """Return phrases for the environments and conditions that distinguish `part` from the other `runs`."""
     for name in ("expert_knowledge", "steps", "engine", "physics_version"):
         runs = runs[runs[name].astype(str) == str(where[name])]
     environments = sorted(part["environment"].unique())

@@ -203,7 +203,7 @@ def _same_challenge(places: pd.DataFrame, row: pd.Series) -> pd.Series:
 
 
 def _differences(row: pd.Series, yours: pd.DataFrame, baseline: ResultSet) -> str:
-    """Return the conditions (as text) in which a result of `baseline` differs from `yours`."""
+    """Return a phrase with the conditions in which a result of `baseline` differs from `yours`."""
     if baseline.runs is None:
         differences = [f"engine {baseline.engine}"]
         if set(yours["steps"]) != {row["steps"]}:

@@ -140,8 +140,8 @@ def _thresholds(evaluations: pd.DataFrame, runs: pd.DataFrame) -> pd.Series | fl
 def evaluation_measures(evaluations: pd.DataFrame) -> pd.DataFrame:
     """Return the measures of each evaluation of a run, with the columns run_id, step, tasks and not_finite.
 
-    An evaluation with NaN or infinite returns (their number is not_finite) has NaN measures: mastered % is
-    of all test tasks, and such a return is neither a failure nor a success.
+    An evaluation with NaN or infinite returns (their number is not_finite) has NaN measures: mastered_percent
+    is of all test tasks, and such a return is neither a failure nor a success.
 
     Rows of one evaluation, with run_id, step, episodic_return and mastered (bool), mostly follow each other.
     They are added up before they are grouped, since a full benchmark has tens of millions.

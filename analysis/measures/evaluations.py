@@ -28,10 +28,8 @@ RECENT = 20
 def training_curves(frames: Frames) -> pd.DataFrame:
     """Return the training curves of runs that did not fail, excluding non-finite returns.
 
-    The columns are those of `unfailed`, step, training_return and smoothed.
-
-    Returns are those of the training windows or, smoothed, those of the episodes where a comparison has too
-    few windows.
+    The columns are those of `unfailed`, step, training_return and smoothed. Returns are those of the training
+    windows or, smoothed, those of the episodes where a comparison has too few windows.
     """
     windows, short, episodes = _windows(frames)
     runs = short.drop_duplicates("run_id")[["run_id", "steps", "status"]]
@@ -94,9 +92,9 @@ def measured_so_far(frames: Frames) -> pd.DataFrame:
 
     The columns are run_id, step and `MEASURED`.
 
-    last_three is the mean of mastered % at the latest three evaluations, without that at step 0 unless it is
-    the only one. mastered_area is the mean of mastered % over the steps: the area under the curve by
-    trapezoids, with the first value extended to step 0.
+    last_three is the mean of mastered_percent at the latest three evaluations, without that at step 0 unless
+    it is the only one. mastered_area is the mean of mastered_percent over the steps: the area under the curve
+    by trapezoids, with the first value extended to step 0.
     """
     curves = frames.measured[frames.measured["not_finite"] == 0].reset_index(drop=True)
     steps, mastered = curves["step"].to_numpy(float), curves["mastered_percent"].to_numpy(float)

@@ -52,7 +52,7 @@ def condition_words(row: pd.Series, columns: Sequence[str] = CONDITIONS) -> list
 
 
 def by_conditions(runs: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
-    """Yield, for each set of conditions, a tag for file names and the started runs, most runs first."""
+    """Yield a tag for file names and the started runs of each set of conditions, largest set first."""
     begun = runs[runs["steps"].notna()]
     columns = varying(begun)
     groups = [rows for _, rows in begun.groupby(CONDITIONS, dropna=False, sort=True)]
@@ -207,7 +207,7 @@ Columns: TypeAlias = Mapping[str, NDArray[Any]]
 
 
 def _split(table: pd.DataFrame, number: str) -> dict[int, Columns]:
-    """Group the rows by column `number`, as arrays, which are faster than a frame per group."""
+    """Return the columns of each group of rows, by group number, as arrays, which are faster than frames."""
     numbers = table[number].to_numpy()
     order = np.argsort(numbers, kind="stable")
     keys, starts = np.unique(numbers[order], return_index=True)
@@ -380,7 +380,7 @@ def without_searches(cells: pd.DataFrame) -> pd.DataFrame:
 
 
 def by_students(cells: pd.DataFrame) -> Iterator[tuple[str, tuple[Matrix, ...], pd.DataFrame]]:
-    """Yield a tag for file names, matrices and cells, for the paper's students, then for each other student.
+    """Yield a tag for file names, matrices and cells of the paper's students, then of each other student.
 
     Results of the original release, whose bipedal is a different body, are separate.
     """

@@ -19,7 +19,7 @@ NOT_FINITE = "returns not finite"
 
 
 SHARES = (0.5, 0.9)
-"""Shares of the final mastered % for which the first step that reaches them is measured."""
+"""Shares of the finally mastered tasks for which the first step that reaches them is measured."""
 
 
 def measure_names(shares: Sequence[float] = SHARES) -> list[str]:
@@ -47,7 +47,7 @@ def run_measures(
         frames: results with runs, evaluations and training windows.
         at: number of steps after which runs are measured, as if that were their budget; None for each run's
             own budget.
-        shares: shares of the final mastered %, each with a column `steps_to`.
+        shares: shares of the final mastered_percent, each with a column `steps_to`.
         share: share of each run's own budget after which it is measured.
         training: True for a column training_return, which needs more files.
 
@@ -56,8 +56,8 @@ def run_measures(
 
         - run_id, steps (at which it is measured), step (of the last evaluation until then);
         - `evaluations.MEASURED` at that evaluation, with mastered_area over the whole budget;
-        - steps_to_50_percent and so on: step of the first evaluation with this share of the final mastered %;
-          NaN if that is 0;
+        - steps_to_50_percent and so on: step of the first evaluation with this share of the final
+          mastered_percent; NaN if that is 0;
         - forgotten_percent: % of test tasks mastered at an earlier evaluation and not at the last;
         - training_return: mean over training episodes;
         - reason for missing measures, which are NaN: "waiting", "failed", "still running", "not evaluated",
@@ -241,7 +241,7 @@ def with_trained_steps(frames: Frames, curves: pd.DataFrame) -> pd.DataFrame:
 
 
 Curves: TypeAlias = Mapping[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
-"""Trained steps and mastered % at the evaluations of each run, by run id."""
+"""Trained steps and mastered_percent at the evaluations of each run, by run id."""
 
 
 def trained_curves(frames: Frames) -> Curves:

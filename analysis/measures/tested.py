@@ -20,17 +20,17 @@ from analysis.statistics.tests import seed_means
 from tma_ray.results import SIMULATED
 
 HEADLINE: Final = "mastered_area"
-"""Measure of rankings and tests: mean % of mastered test tasks over the budget. It uses the whole run, is
-comparable across budgets, and has the most power (`docs/statistics.md`)."""
+"""Measure of rankings and tests: mean percentage of mastered test tasks over the budget. It uses the whole
+run, is comparable across budgets, and has the most power (`docs/statistics.md`)."""
 
 FINAL: Final = "last_three"
-"""Measure of final results: mean % of mastered test tasks at the last three evaluations."""
+"""Measure of final results: mean percentage of mastered test tasks at the last three evaluations."""
 
 TRAINED: Final = "trained_area"
-"""The headline per trained step: mean % of mastered test tasks over a number of trained steps."""
+"""The headline per trained step: mean percentage of mastered test tasks over a number of trained steps."""
 
 PAPERS: Final = "mastered_percent"
-"""Measure of the paper: % of test tasks mastered at the last evaluation."""
+"""Measure of the paper: percentage of test tasks mastered at the last evaluation."""
 
 MEASURES = {HEADLINE: "over training", FINAL: "in the end", PAPERS: "last evaluation"}
 """Measures in the order in which they are shown, with their table headings."""
@@ -169,7 +169,7 @@ def verdict(test: pd.Series | Mapping[str, Any]) -> str:
 
 
 def on_both_axes(sooner: str, in_the_end: str) -> str:
-    """Combine the verdicts on both measures as text; a verdict that they share stands alone.
+    """Combine the verdicts on both measures into a phrase, or return the verdict if they share one.
 
     Args:
         sooner: verdict on the mean over training.

@@ -297,7 +297,7 @@ def report_folder(sources: Sources, output: Path | None) -> Path:
 
 
 def _sections_content(parts: Sequence[Section]) -> dict[str, Any]:
-    """Return the page content about comparisons, all together and one by one, as template variables."""
+    """Return the page content about each comparison, with an overview of all, as template variables."""
     quantity, titles = QUANTITIES[HEADLINE], distinct([part.title for part in parts])
     caption = "Marks are means over seeds, lines their 95 % intervals. Choose above what is shown and when."
     return {

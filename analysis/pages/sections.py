@@ -130,7 +130,7 @@ def overview(
 
 
 def end_rows(comparison: TeacherComparison) -> Iterator[dict[str, Any]]:
-    """Yield the rows of the table of final results, Random first."""
+    """Yield the rows of the table of final results, one per teacher in `teacher_order`."""
     tests = {axis: comparison.tests[comparison.tests["measure"] == axis] for axis in AXES}
     groups: dict[str, Any] = {str(group["teacher"]): group for group in comparison.summary.to_dict("records")}
     tested = {axis: table.set_index("teacher").to_dict("index") for axis, table in tests.items()}

@@ -36,7 +36,7 @@ def spent(fraction: float, error: float) -> float:
 def boundaries(
     fractions: tuple[float, ...], error: float, information: tuple[float, ...]
 ) -> tuple[float, ...]:
-    """Return the boundaries of all looks, from the error-spending function `spent`.
+    """Return the boundary of each look, determined by the error-spending function `spent`.
 
     Args:
         fractions: planned information of each look as a share of the last one's, by which error is spent.

@@ -163,7 +163,7 @@ class Design:
         return replace(self, release_digest=_digest(released, self.references, self.keys))
 
     def differing(self, other: "Design") -> list[str]:
-        """Return a phrase for each setting that differs between this and another design."""
+        """Return a phrase for each setting in which this design differs from `other`."""
         first, second = self.to_dict(), other.to_dict()
         phrases = [
             f"{name}: {first[name]!r:.80}, not {second[name]!r:.80}"
@@ -354,7 +354,7 @@ def _best(released: pd.DataFrame, keys: Sequence[tuple[str, ...]], name: str) ->
 
 
 def _digest(released: pd.DataFrame, teachers: Sequence[str], keys: Sequence[tuple[str, ...]]) -> str:
-    """Return the SHA-256 of the ids and results of some teachers' runs in some cells."""
+    """Return the SHA-256 of the ids and results of the given teachers' runs in the given cells."""
     runs = released[released["teacher"].isin(teachers)]
     rows = pd.concat([in_cell(runs, key) for key in keys])
     lines = sorted(
