@@ -197,7 +197,7 @@ def load_test_set(name_or_path: str | Path) -> TestSet:
 
     Raises:
         ValueError: if the name or setting is unknown, or the file unreadable.
-        TypeError: if it is neither text nor a path.
+        TypeError: if it is neither a string nor a path.
     """
     check_type("test set", name_or_path, (str, Path), "a name or the path of a CSV file")
     name = str(name_or_path)

@@ -17,7 +17,7 @@ RESULTS = Path(__file__).parent / "paper_results.csv"
 
 @dataclass(frozen=True)
 class PaperResult:
-    """Entry of the paper's tables: mastered test tasks after 20 million steps.
+    """Entry of the paper's tables: percentage of mastered test tasks after 20 million steps.
 
     Attributes:
         expert_knowledge: level of expert knowledge.

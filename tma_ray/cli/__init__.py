@@ -89,7 +89,7 @@ def app() -> App:
 
 
 def _prepare() -> None:
-    """Add the current folder to the plug-in path, after checking that it does not hide `analysis`.
+    """Check that nothing hides `analysis`, search plug-ins in the current folder, too, and format warnings.
 
     Raises:
         RefusedError: if another module or package called `analysis` would be imported.

@@ -81,7 +81,7 @@ def value(parse: Parse, metavar: str, **settings: Any) -> Parameter:
     """Return the annotation of an option or argument with one value; if repeated, the last one counts.
 
     Args:
-        parse: function that converts a text to the value, or raises a ValueError.
+        parse: function that converts a string to the value, or raises a ValueError.
         metavar: kind of the value, a key of `METAVARS`.
         settings: further settings of the parameter.
     """

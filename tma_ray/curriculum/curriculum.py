@@ -200,7 +200,7 @@ class Curriculum:
         return wrap_vector(worlds, self, apply)
 
     def shared(self, host: str | None = None) -> SharedCurriculum:
-        """Return a picklable handle for other processes.
+        """Return a picklable handle of the curriculum for use in other processes.
 
         Args:
             host: name or address of this machine for other machines; None for this machine only. Only the

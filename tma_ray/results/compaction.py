@@ -322,7 +322,7 @@ def _halved(data: bytes) -> bytes:
 
 
 def intact_runs(results: Results, options: CopyOptions) -> tuple[list[Manifest], list[str]]:
-    """Return the intact runs to copy from a root, and the damage to all others."""
+    """Return the intact runs to copy from a root, and a description of each damaged file."""
     sound: list[Manifest] = []
     damaged: list[str] = []
     selected = [

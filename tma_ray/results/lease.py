@@ -23,7 +23,7 @@ from tma_ray.support.validation import check_type
 
 @dataclass(frozen=True)
 class Process:
-    """Identity of a process on its machine: boot id, PID namespace and PID."""
+    """Identity of a process: boot id of the machine, PID namespace and PID."""
 
     boot: str
     namespace: str

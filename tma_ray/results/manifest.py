@@ -251,7 +251,7 @@ def shared_by_path(files: Iterable[PartFile]) -> dict[str, list[PartFile]]:
 
 
 def by_appearance(rows: pa.Table) -> pa.Table:
-    """Return `rows` with each column's dictionary reduced to the values used, in order of appearance."""
+    """Return `rows` with each dictionary reduced to the values used, in order of first appearance."""
     for number, field in enumerate(rows.schema):
         if pa.types.is_dictionary(field.type):
             column = rows.column(number).combine_chunks()

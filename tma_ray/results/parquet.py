@@ -144,7 +144,7 @@ def encode(table: Table, rows: pa.Table) -> bytes:
 
 
 def encode_together(table: Table, parts: Iterable[pa.Table]) -> bytes:
-    """Return the concatenated rows of `parts` as a Parquet file, with few parts in memory at once.
+    """Return the concatenated rows of `parts` as a Parquet file, keeping only few parts in memory.
 
     Parts are not split between row groups unless too large for one, so that they can be read separately.
     """

@@ -98,7 +98,7 @@ class Checkpoint:
 
 
 class Checkpoints:
-    """Checkpoints of one run, read and written by a single attempt.
+    """Reader and writer of one run's checkpoints for a single attempt.
 
     The index of a checkpoint is written last and makes it valid. Files unchanged since the previous
     checkpoint, such as full segments of a replay buffer, are referenced and not written again. Names contain

@@ -147,7 +147,7 @@ class Store(ABC):
         self.write_bytes(path, json.dumps(asdict(record), indent=indent).encode())
 
     def read_parts(self, path: str, read: Callable[[Any], ResultT]) -> ResultT:
-        """Call `read` with the open file and return the result, for files that are never replaced."""
+        """Open a file that is never replaced, and return the result of calling `read` with it."""
         if self._recorded is None:
             return self._read_parts(path, read)
         if self._last[0] != path:  # cached, since several parts of a file may be read
