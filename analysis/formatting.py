@@ -1,4 +1,4 @@
-"""Formatting of numbers, intervals and lists as text, and warnings about few seeds."""
+"""Formatting of numbers, intervals and lists, and warnings about few seeds."""
 
 import math
 from collections.abc import Iterable
@@ -11,7 +11,7 @@ FEW_SEEDS = 10  # readers are warned of fewer seeds; the paper used 16 to 48
 
 
 def number(value: float, digits: int = 1) -> str:
-    """Return a number as text with a typographic minus sign, or a dash if it is not finite."""
+    """Format a number with a typographic minus sign, or return a dash if it is not finite."""
     if not math.isfinite(value):
         return "\N{EN DASH}"
     return f"{value:.{digits}f}".replace("-", "\N{MINUS SIGN}")
@@ -39,12 +39,12 @@ def estimate(value: float, low: float, high: float, digits: int = 1) -> str:
 
 
 def p_value(p: float) -> str:
-    """Return a p-value as text: ``p = 0.012`` or ``p < 0.001``."""
+    """Format a p-value, such as ``p = 0.012`` or ``p < 0.001``."""
     return "p\N{NO-BREAK SPACE}< 0.001" if p < 0.001 else f"p = {p:.3f}"
 
 
 def steps_text(steps: float) -> str:
-    """Return a number of steps as text: ``20 million``, ``30 thousand``, ``500``."""
+    """Format a number of steps, such as ``20 million``, ``30 thousand`` or ``500``."""
     for size, word in ((1e6, "million"), (1e3, "thousand")):
         if steps >= size:
             return f"{steps / size:.4g} {word}"
@@ -52,7 +52,7 @@ def steps_text(steps: float) -> str:
 
 
 def listed(names: Iterable[str]) -> str:
-    """Return names separated by commas, with a long list truncated to end with ``and 8 more``."""
+    """Join names by commas, shortening a long list so that it ends with ``and 8 more``."""
     texts = list(names)
     if len(texts) <= LISTED:
         return ", ".join(texts)

@@ -54,7 +54,7 @@ class PaperChart(NamedTuple):
 
 
 def page_charts(comparison: TeacherComparison) -> Iterator[Chart]:
-    """Yield the charts that show all teachers together: learning curves, seeds, trained steps."""
+    """Yield the charts with all teachers in one panel: learning curves, seeds and trained steps."""
     for value, quantity, title in CURVES:
         table = comparison.training if value == "training_return" else comparison.evaluations
         if len(table):

@@ -1,4 +1,4 @@
-"""Charts of learning curves: all teachers together, panels with significance stars, pairs of teachers."""
+"""Charts of learning curves: of all teachers, with significance stars, and of pairs of teachers."""
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
@@ -149,7 +149,7 @@ class CurvePanel:
     ceiling: float | None = None
 
     def parts(self) -> list["CurvePanel"]:
-        """Split the panel into several, each with Random and at most `TEACHERS_PER_PANEL` others."""
+        """Split the panel into several, each with Random and at most `TEACHERS_PER_PANEL` other teachers."""
         teachers = sorted(self.curves["teacher"].unique(), key=teacher_order) if len(self.curves) else []
         others = [teacher for teacher in teachers if not is_baseline(teacher)]
         if len(others) <= base.TEACHERS_PER_PANEL:
@@ -194,7 +194,7 @@ class CurvePanel:
 
 
 def curves_with_stars(panels: Sequence[CurvePanel], every: int = STAR_STEPS, columns: int = 2) -> base.Chart:
-    """Return a chart of learning curves (mean ± standard error), with stars where they differ significantly.
+    """Return a chart of learning curves (mean ± standard error), with stars at significant differences.
 
     Colours and markers denote teachers; dashes and marker fills denote levels of expert knowledge. Each line
     has a row of stars, full where it is significantly above the reference, hollow where it is below.

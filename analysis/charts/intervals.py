@@ -19,7 +19,7 @@ from analysis.teacher_styles import INK, MUTED, TeacherStyle, teacher_style
 
 
 def seeds_chart(points: pd.DataFrame, quantity: str, name: str, heading: str, caption: str) -> base.Chart:
-    """Return a chart with a row per teacher: its runs as rings, and their mean with its 95 % interval.
+    """Return a chart with a row per teacher, which shows runs as rings and their mean with its 95 % interval.
 
     Args:
         points: teacher, seed, step (of an evaluation, or `END`) and value, in per cent.

@@ -62,7 +62,7 @@ class ClaimVerdict:
 
     @property
     def standing_text(self) -> str:
-        """Verdict as text, with the conditions of the results if it is "not seen here"."""
+        """Verdict as a phrase, with the conditions of the results if it is "not seen here"."""
         return f"{self.standing} ({self.conditions})" if self.standing is Standing.NOT_SEEN else self.standing
 
     def describe(self) -> str:

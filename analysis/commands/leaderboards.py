@@ -120,7 +120,7 @@ def tell(console: Console, text: str, style: str | None = None) -> None:
 
 
 def release_locations(names: Sequence[str]) -> list[tuple[str, str, str]]:
-    """Return name, location and missing runs (as text) of each release; by default all, newest first."""
+    """Return the name, location and missing runs of each named release, or of all releases, newest first."""
     if not names:
         releases = [release for release in baselines() if release.manifest.kind is BaselineKind.RUNS]
         return list(map(_described, sorted(releases, key=lambda release: release.manifest.created)[::-1]))
@@ -222,7 +222,7 @@ def folded(summary: str, text: str) -> str:
 
 
 def _cells(entry: Entry, axis: str) -> list[str]:
-    """Return the mean, difference from Random and rank of a teacher by a measure, as text."""
+    """Return the formatted mean, difference from Random and rank of a teacher by a measure."""
     rank, against = entry.ranks[axis], entry.against
     open_ranks = f" [{rank.best} to {rank.worst}]" if rank.best < rank.worst else ""
     return [number(rank.mean), str(against.gaps[axis]) if against else "", f"{rank.rank}{open_ranks}"]

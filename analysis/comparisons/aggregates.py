@@ -104,7 +104,7 @@ def improvements(
 
 
 def stratified_means(runs: pd.DataFrame, measure: str, within: Sequence[str] = ACROSS) -> pd.DataFrame:
-    """Return the mean of each teacher over all challenges that it has runs on, one row per teacher.
+    """Return each teacher's mean over all challenges on which the teacher has runs, one row per teacher.
 
     Weights are those of `pairwise.over_challenges`. Intervals of percentages stay within 0 and 100.
 

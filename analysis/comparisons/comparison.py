@@ -131,7 +131,7 @@ class TeacherComparison:
 
     @cached_property
     def reference(self) -> pd.DataFrame:
-        """Evaluations of Random, taken from another level or experiment if it has none here."""
+        """Evaluations of Random, taken from another level or experiment if Random has none here."""
         return reference_of(self.evaluations, self.measurements.randoms)
 
     @cached_property
@@ -158,7 +158,7 @@ class TeacherComparison:
         return self.read_curricula(self.median_runs)
 
     def read_curricula(self, teachers: Iterable[str]) -> dict[str, RunCurriculum]:
-        """Return the curricula of some teachers' median runs, leaving out runs without episodes."""
+        """Return the curricula of the given teachers' median runs, leaving out runs without episodes."""
         runs = {teacher: self.median_runs[teacher] for teacher in teachers}
         curricula = zip(runs, curricula_of_runs(self.frames, list(runs.values())), strict=True)
         return {

@@ -325,7 +325,7 @@ def overall(runs: pd.DataFrame, measure: str = HEADLINE) -> pd.DataFrame:
 
 
 def overall_rows(runs: pd.DataFrame, measure: str = HEADLINE) -> list[dict[str, Any]]:
-    """Return the rows of `overall` as text.
+    """Return the rows of `overall`, formatted for tables.
 
     Returns:
         block, place, name (of the teacher), n, mean and better (with intervals), final, worst, over (shares

@@ -144,7 +144,7 @@ class Frames:
         return {run_id: rows.take(indices.get(run_id, empty)).reset_index(drop=True) for run_id in run_ids}
 
     def evaluations_of(self, run_ids: Collection[str]) -> pd.DataFrame:
-        """Return the evaluations of some runs, looked up in an index that is built only once."""
+        """Return the evaluations of the given runs, looked up in an index that is built only once."""
         indices = [self._positions[run_id] for run_id in run_ids if run_id in self._positions]
         return self.evaluations.take(np.concatenate([np.zeros(0, np.int64), *indices]))
 
@@ -264,7 +264,7 @@ def training_warnings(training: pd.DataFrame) -> list[str]:
 
 
 def named_runs(run_ids: pd.Series) -> str:
-    """Return the number and the first ids of runs as text, such as ``2 runs: a, b``."""
+    """Format the number and the first ids of runs, such as ``2 runs: a, b``."""
     runs = sorted(set(run_ids))
     more = f" and {len(runs) - SHOWN_RUNS} more" if len(runs) > SHOWN_RUNS else ""
     return f"{counted(len(runs), 'run')}: {', '.join(runs[:SHOWN_RUNS])}{more}"

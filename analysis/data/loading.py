@@ -106,7 +106,7 @@ def joined(frames: Sequence[Frames]) -> Frames:
 
 
 def _joined_cells(frames: Sequence[Frames], roots: Mapping[str, int]) -> pd.DataFrame:
-    """Return the cells of all frames, with the state of each run in the root that it is read from."""
+    """Return the cells of all frames, with the state of each run in the root from which it is read."""
     any_core = any(each.core for each in frames)
     parts = [
         each.cells.assign(root=root, core=each.cells["core"] & (bool(each.core) or not any_core))

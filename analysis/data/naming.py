@@ -1,4 +1,4 @@
-"""Disambiguation of names: if a name stands for several settings or versions, its runs are renamed.
+"""Disambiguation of names that stand for several settings or versions.
 
 Views group runs by the names of their environment, challenge, body, student, teacher and test set. A name
 with several meanings among some runs (versions of an algorithm, contents of a file, hyper-parameters under

@@ -93,7 +93,7 @@ def _check_bins(bins: int) -> None:
 
 
 def _probes(frames: Frames, run_ids: Iterable[str]) -> Iterator[tuple[str, TaskSpace | None, pd.DataFrame]]:
-    """Yield each run with its task space (None if its spec has none) and its probed tasks."""
+    """Yield the id, the task space (None if unknown) and the probed tasks of each run."""
     check_type("frames", frames, Frames, "what analysis.load returns")
     check_sequence("run_ids", run_ids)
     specs = frames.cells.drop_duplicates("run_id").set_index("run_id")["spec"]

@@ -112,7 +112,7 @@ def measured_so_far(frames: Frames) -> pd.DataFrame:
 
 
 def area_over(budget: pd.Series, ends: pd.DataFrame) -> pd.Series:
-    """Return mastered_area over each run's whole budget, holding its last value to the end.
+    """Return mastered_area over the whole budget of each run, holding the last mastered_percent to the end.
 
     Args:
         budget: steps of each run.
@@ -229,7 +229,7 @@ def mastered_tasks(frames: Frames, finals: pd.DataFrame, by: Sequence[str] = GRO
 
 
 def summarise(frames: Frames, finals: pd.DataFrame) -> pd.DataFrame:
-    """Return a row per group, with its number of runs by status, and the mean and std of every measure."""
+    """Return the number of runs by status, and mean and standard deviation of all measures, of each group."""
     rows, by_group = [], dict(list(finals.groupby(GROUP))) if len(finals) else {}
     for key, seeds in frames.cells.groupby(GROUP, sort=True):
         runs = by_group.get(key, finals.head(0))

@@ -93,7 +93,7 @@ def shipped_together(environments: Iterable[str]) -> dict[tuple[str, str, str], 
 
 @cache
 def variant(engine: str, environment: str, challenge: str, pool: str, test_sets: object) -> str:
-    """Return how a pool differs from the paper's, as text, or an empty string if it does not.
+    """Return a phrase for how a pool differs from the paper's, or an empty string if it does not.
 
     A variant has one pool per challenge, so aggregates over challenges count each once.
     """

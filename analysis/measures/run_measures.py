@@ -131,7 +131,7 @@ def _latest(frames: Frames, curves: pd.DataFrame, measured: str, steps: Sequence
 
 
 def _until(table: pd.DataFrame, rows: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows of `table` up to the step at which `rows` measures their run."""
+    """Return the rows of `table` up to the step at which their run is measured, as given by `rows`."""
     return table[table["step"] <= table["run_id"].map(rows["steps"]).astype(float)]
 
 

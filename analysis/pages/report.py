@@ -29,7 +29,7 @@ from tma_ray.tasks import MASTERY_RETURN
 
 
 def what_ran(cells: pd.DataFrame) -> str:
-    """Return teachers, seeds and steps as text: ``Random and ALP-GMM, 4 seeds each, 20 million steps``."""
+    """Summarise teachers, seeds and steps: ``Random and ALP-GMM, 4 seeds each, 20 million steps``."""
     teachers = [label(teacher) for teacher in sorted(cells["teacher"].unique(), key=teacher_order)]
     named = " and ".join(teachers) if len(teachers) < 3 else f"{len(teachers)} teachers"
     parts = [named]
@@ -207,7 +207,7 @@ class Video:
 
     @property
     def caption(self) -> str:
-        """Teacher, seed, task and return as text."""
+        """Caption with teacher, seed, task and return."""
         which = "its only seed" if self.wanted.rank == "only" else f"its {self.wanted.rank} seed"
         return (
             f"{label(self.wanted.teacher)}, seed {self.wanted.seed} ({which} by mastered tasks), on test "

@@ -161,7 +161,7 @@ def best_of(section: Section) -> Mapping[str, Any] | None:
 
 
 def step_rows(comparison: TeacherComparison) -> dict[str, dict[str, dict[str, str]]]:
-    """Return the table rows at every evaluation, as text by step, teacher and column."""
+    """Return the formatted table cells at every evaluation, by step, teacher and column."""
     curves = comparison.evaluations
     if curves.empty:
         return {}
@@ -236,7 +236,7 @@ def sections(measurements: Measurements) -> Iterator[Section]:
 
 
 def distinct(titles: Sequence[str]) -> list[str]:
-    """Return `titles` without the comma-separated parts that are common to all."""
+    """Return `titles` without the comma-separated parts that all of them have in common."""
     parts = [title.split(", ") for title in titles]
     shared = set.intersection(*map(set, parts)) if parts else set()
     return [", ".join(part for part in title if part not in shared) or ", ".join(title) for title in parts]

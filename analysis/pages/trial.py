@@ -90,7 +90,7 @@ def _curves(design: Design, frames: Frames, trial: Frames) -> Chart:
 
 
 def _cost(design: Design, trial: Frames) -> str:
-    """Return the numbers of runs and hours that the trial has taken, as text."""
+    """Return a phrase with the numbers of runs and hours that the trial has taken."""
     runs = int((trial.cells.drop_duplicates("run_id")["status"] == "done").sum())
     hours = float(trial.run_hours.sum())
     text = f"{runs} of at most {design.looks[-1] * len(design.cells)} runs"

@@ -298,7 +298,7 @@ def least_variance(samples: Iterable[Description]) -> float:
 
 
 def _share_a_run(pairs: Sequence[tuple[pd.Series, pd.Series]]) -> bool:
-    """Return True if any run is in both groups, of the same stratum or not."""
+    """Return True if any run is in both groups, whether or not in the same stratum."""
     first, second = (set().union(*(sample.index for sample in group)) for group in zip(*pairs, strict=True))
     return bool(first & second)
 

@@ -141,7 +141,7 @@ CSV_COLUMNS = ["table", "row", "column", "n", "mean", "std", "best", "words", "m
 
 
 def render(table: ResultTable, kind: TableFormat) -> str:
-    """Return a table as text that ends with a newline.
+    """Render a table as a string that ends with a newline.
 
     Markdown and LaTeX (with the package booktabs) have the best cells in bold, dashes for missing numbers,
     notes below, and numbers of runs of the table, each column or each cell. CSV has a line per cell.

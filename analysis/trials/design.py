@@ -311,7 +311,7 @@ def _cells(
 
 
 def _weights(keys: Sequence[tuple[str, ...]]) -> list[float]:
-    """Return cell weights that sum to 1: challenges weigh the same, as do the cells within each."""
+    """Return cell weights that sum to 1, equal for all challenges and for the cells within a challenge."""
     weights = stratum_weights([key[:CHALLENGE] for key in keys])
     return [weight / sum(weights) for weight in weights]
 

@@ -54,7 +54,7 @@ def figure_of(chart_of: Callable[P, Chart]) -> Callable[P, Figure]:
 
 @styled
 def draw(chart: Chart) -> Figure:
-    """Draw a chart as a matplotlib figure, with animated panels at the moment they initially show."""
+    """Draw a chart as a matplotlib figure, with animated panels at their initial moment."""
     if isinstance(chart.all_panels[0], Radar):
         return draw_radars(chart)
     size, names = chart.letters, ("font.size", "axes.labelsize", "xtick.labelsize", "ytick.labelsize")
