@@ -1,4 +1,4 @@
-"""Bodies as data: parts, joints, motors and grip sensors."""
+"""Data classes of bodies, with parts, joints, motors and grip sensors."""
 
 import math
 from collections import Counter

@@ -1,4 +1,4 @@
-"""Base class of the benchmark's environments: one body in a world generated from a task."""
+"""Base class of the benchmark's environments, each with one body in a world generated from a task."""
 
 from abc import abstractmethod
 from functools import cached_property

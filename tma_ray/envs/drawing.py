@@ -161,7 +161,10 @@ class Canvas:
         self.surface.blit(drawn, drawn.get_rect(midtop=self._pixels(point).tolist()))
 
     def bar(self, share: float, colours: tuple[Colour, Colour, Colour]) -> None:
-        """Draw a progress bar along the top, with colours for the track, the completed share and the end."""
+        """Draw a progress bar along the top of the frame, filled to `share` in [0, 1].
+
+        The `colours` are those of the track, the filled part and the end.
+        """
         left, right, y = (SUPERSAMPLING * value for value in (20, WIDTH - 20, 16))
         x, (track, done, end) = left + share * (right - left), colours
         pygame.draw.line(self.surface, track, (left, y), (right, y), 2 * SUPERSAMPLING)
@@ -215,7 +218,7 @@ class Renderer:
             self._window = pygame.display.set_mode((WIDTH, HEIGHT))
 
     def draw(self, scene: Scene, options: RenderOptions) -> NDArray[np.uint8] | None:
-        """Return the frame (400, 600, 3), or show it in the window and return None."""
+        """Draw `scene`, and return the frame (400, 600, 3), or None if it is shown in the window."""
         head, canvas, terrain = scene.poses[self._body.head, :2], self._canvas, scene.terrain
         canvas.start(view_of(head, terrain))
         foot = np.array([terrain.goal_x, _base(terrain, terrain.goal_x)])

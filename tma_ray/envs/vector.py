@@ -328,7 +328,7 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         self._read_mastery_returns()
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
-        """Call a method of each sub-environment and return the results, or the values of an attribute."""
+        """Return the results of a method of each sub-environment, or the values of an attribute."""
         attributes = [environment.get_wrapper_attr(name) for environment in self._environments]
         return tuple(value(*args, **kwargs) if callable(value) else value for value in attributes)
 

@@ -1,4 +1,4 @@
-"""Motors, lidars, grips, water, reward and termination, shared by all engines.
+"""Kernels of motors, lidars, grips, water, reward and termination, shared by all engines.
 
 The functions run compiled or as plain Python, with the same bits. Their arguments, unless described:
 

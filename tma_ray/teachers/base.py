@@ -44,7 +44,7 @@ def next_due(due: int, every: int, step: int) -> int:
 
 @dataclass
 class Teacher(ABC):
-    """Automatic curriculum learning algorithm.
+    """Base class of teachers, automatic curriculum learning algorithms.
 
     Subclasses are dataclasses whose fields are hyper-parameters. Learned attributes have names that end in an
     underscore; these and the generator are the teacher's complete state.

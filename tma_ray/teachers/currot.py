@@ -214,7 +214,7 @@ class CURROT(DistributionTeacher):
         self.latest_ = np.empty((0, self._box.size + 1))
 
     def draw(self, rng: np.random.Generator, count: int) -> Task:
-        """Return `count` tasks (count, d), which are random particles with a little noise."""
+        """Return `count` tasks (count, d), each a random particle with a little noise."""
         points = self.particles_[rng.integers(len(self.particles_), size=count)]
         return self._box.denormalise(points + JITTER * rng.uniform(-1, 1, points.shape))
 

@@ -47,7 +47,7 @@ variance, too much for narrower dimensions, and lost to rounding in wider ones."
 
 
 def units_of(widths: Array) -> Array:
-    """Return the units (d,) to use in a fit for dimensions of the given `widths` (d,).
+    """Return the units (d,) in which a fit measures dimensions of the given `widths` (d,).
 
     These are 1 or, for narrow and wide dimensions, the nearest power of two, which does not round.
     """

@@ -231,7 +231,7 @@ class PrioritisedReplay(Teacher):
         self.episodes_ = 0
 
     def sample(self) -> Task | Proposal:
-        """Return a task (d,) from the buffer, or a new one."""
+        """Return a task (d,) to replay, or a new one, as a `Proposal` if the student must not learn."""
         self.replayed_ = None
         filled = self.buffer_.filled
         if filled >= self.fill_first and self.rng.random() < min(filled, self.replay_share):

@@ -245,7 +245,7 @@ def _free_locks(locks: Integers) -> None:
 
 
 class EngineBatch:
-    """Batch of engines of one body, stepped together.
+    """Batch of engines of one body, stepped in one compiled call by several threads.
 
     All engines must have been reset, and may be reset again. The threads end with this object or the
     interpreter.

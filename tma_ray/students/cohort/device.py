@@ -77,9 +77,9 @@ def compile_if(mode: bool | str, function: Callable[..., Any]) -> Callable[..., 
 
 
 class Repeated:
-    """Function that is executed many times on the same memory; on a GPU, as a CUDA graph.
+    """Wrapper of a function that is executed many times on the same memory, on a GPU as a CUDA graph.
 
-    It must not depend on values in host memory.
+    The function must not depend on values in host memory.
     """
 
     def __init__(self, function: Callable[[], None], chosen: MatmulPrecision, device: torch.device) -> None:
