@@ -91,7 +91,7 @@ EARLY = 0.25  # share of the budget after which a second radar shows sample effi
 FILE_NAME = ("experiment", "embodiment", "student", "expert_knowledge")
 """Columns whose values name the files of a comparison, as long as these names are unique."""
 
-STARS = 4  # number of stars per line over the budget, such as one every 5 of 20 million steps
+STARS = 4  # number of stars per line over the budget: one every 5 million of 20 million steps
 
 
 @dataclass(frozen=True)

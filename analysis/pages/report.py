@@ -216,7 +216,7 @@ class Video:
 
 
 def wanted_videos(measurements: Measurements) -> Iterator[WantedVideo]:
-    """Yield the episodes a report shows as videos: each teacher's best and worst finished runs.
+    """Yield the episodes that a report shows as videos: each teacher's best and worst finished runs.
 
     All policies of a comparison play the test task on which the returns of its runs differ most.
     """

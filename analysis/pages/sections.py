@@ -60,7 +60,7 @@ class Answer:
 
 
 def answers(frames: Frames) -> Iterator[Answer]:
-    """Yield the answer for each leaderboard with Random and with several challenges or bodies."""
+    """Yield an answer for each leaderboard that has results of Random and several challenges or bodies."""
     for count, board in enumerate(leaderboards(frames), start=1):
         compared = [entry.against for entry in board.entries if entry.against]
         if len(board.columns) > 1 and compared:
