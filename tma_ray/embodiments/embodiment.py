@@ -289,7 +289,7 @@ class BodyType(StrEnum):
 
 
 class LidarLayout(StrEnum):
-    """Directions of a body's lidars: down to ahead, ahead to up, or down to up."""
+    """Directions of a body's lidars, from down to ahead, from ahead to up, or from down to up."""
 
     DOWN = "down"
     UP = "up"

@@ -359,7 +359,7 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         return self._observations
 
     def _step_after_ends(self, actions: NDArray[np.float32]) -> tuple[Outcome, Flags]:
-        """Reset sub-environments whose episodes have ended, and step the others.
+        """Reset sub-environments whose episodes have ended, and step all other sub-environments.
 
         Returns:
             The outcome in all sub-environments, and a mask (n,) of those that were stepped.

@@ -82,7 +82,7 @@ def hung(terrain: Terrain, body: BodyArrays, step: StepArrays) -> Terrain:
 
 @cache
 def settled(embodiment: Embodiment, settings: SolverSettings) -> BodyArrays:
-    """Return `embodiment` as arrays, posed within its joint limits, with each joint's two anchors together.
+    """Return arrays of `embodiment`, posed within joint limits, with each joint's anchors brought together.
 
     Bodies are drawn straight, which may be outside their limits. Box2D corrects that within the first step
     and without adding velocity; Chipmunk would add some, so the pose is computed in an empty space.

@@ -187,7 +187,7 @@ def update_grip_contacts(
 
 @kernel
 def graspable(x: float, y: float, reach: float, world: World) -> int:
-    """Return an object within `reach` m of a point: the index of a creeper, CEILING or NOTHING."""
+    """Return what is within `reach` m of a point, as the index of a creeper, CEILING or NOTHING."""
     first, last = creepers_between(x - reach, x + reach, world)
     for index in range(first, last):
         if _near_box(x, y, reach, world.creepers[index], world.poses[index]):
@@ -335,7 +335,7 @@ def _observe_lidars(head: Floats, body: StepArrays, world: World, observation: N
 
 @kernel
 def shaping(state: Floats, body: StepArrays) -> float:
-    """Return the potential of the reward shaping: weighted progress of the head minus weighted tilt."""
+    """Return the potential of the reward shaping, weighted progress of the head minus weighted tilt."""
     head = state[body.head]
     potential: float = FORWARD_WEIGHT * head[0] - body.upright_weight * abs(head[2])
     return potential

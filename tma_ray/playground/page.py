@@ -70,7 +70,7 @@ def page_html(policies: Sequence[dict[str, Any]], start: Start, names: Sequence[
 
 
 def _packed(data: dict[str, Any]) -> bytes:
-    """Return compressed `data`: the length of its JSON text, the text, and the arrays it references.
+    """Return `data` compressed, as the length of a JSON string, the string, and the arrays it references.
 
     Arrays are stored as the first bytes of all numbers, then the second ones, which compresses better.
     """
@@ -135,7 +135,7 @@ def policy_record(saved: SavedPolicy, results: str | Path) -> dict[str, Any]:
 
 
 def network_record(layers: nn.Sequential) -> dict[str, Any]:
-    """Return the data of a network: a normaliser, linear layers with one activation, and action bounds.
+    """Return the data of a network's normaliser, linear layers with one activation, and action bounds.
 
     Raises:
         ValueError: if there are other layers.

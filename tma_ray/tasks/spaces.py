@@ -16,7 +16,7 @@ Task: TypeAlias = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Dimension:
-    """Dimension of a task space: a parameter of the world's procedural generation.
+    """Dimension of a task space, a parameter of the world's procedural generation.
 
     Attributes:
         name: name in test sets and tables.
@@ -190,7 +190,7 @@ CUTS = 4  # number of intervals per dimension (paper, appendix C, rugged difficu
 
 @dataclass(frozen=True, eq=False)
 class ShuffledSpace:
-    """Task space with shuffled regions: the teacher's tasks are mapped to different tasks of the world.
+    """Task space with shuffled regions, which maps the teacher's tasks to different tasks of the world.
 
     Every dimension is cut into equal intervals, which are permuted independently of other dimensions. The
     box remains the same; a smooth path through it jumps at the ends of intervals. A boundary between two

@@ -159,7 +159,7 @@ class HighwayNetwork(nn.Module):
 
 
 class AffineCoupling(nn.Module):
-    """Affine coupling layer, which scales and shifts some coordinates depending on the others.
+    """Affine coupling layer, which scales and shifts some coordinates depending on all other ones.
 
     Scale and shift are functions of the other coordinates and a condition.
 

@@ -16,7 +16,7 @@ FIXED, CEILING = -2, -1  # special values of `Terrain.holders`
 
 
 class Terrain(NamedTuple):
-    """Terrain of a world: solids, segments seen by lidars, creepers and water.
+    """Terrain of a world, with solids, segments seen by lidars, creepers and water.
 
     Attributes:
         solids: corners of convex quadrilaterals (n, 4, 2), counter-clockwise, in m, ground before ceiling.

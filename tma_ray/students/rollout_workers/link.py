@@ -19,7 +19,7 @@ ALIGNMENT = 64  # alignment of arrays in a shared buffer, in bytes
 
 
 class ArrayRef(NamedTuple):
-    """Reference to an array in a shared buffer: offset in bytes, numpy's type name, and shape."""
+    """Reference to an array in a shared buffer, by offset in bytes, numpy type name and shape."""
 
     offset: int
     dtype: str
@@ -104,7 +104,7 @@ class LearnerLostError(ConnectionError):
 
 @dataclass(frozen=True)
 class Learner:
-    """Address of a cohort's learner: the path of its socket on this machine, and the shared secret."""
+    """Address of a cohort's learner, with the path of its socket on this machine and the shared secret."""
 
     address: str
     key: bytes = field(repr=False)
