@@ -17,6 +17,7 @@ from tma_ray.embodiments import embodiment_names
 from tma_ray.playground.contents import PLAYED
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "playground"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "docs" / "making"))
 
 from browsers import chromium  # type: ignore[import-not-found]
 from replays import (  # type: ignore[import-not-found]

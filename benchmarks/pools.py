@@ -18,6 +18,7 @@ from tma_ray.campaign.settings import ExecutionConfig
 from tma_ray.results import TABLES, Committer, Lease, Results, Store, add_shard, start_from
 from tma_ray.results.layout import ROOT_FILE
 from tma_ray.runs import Placement
+from tma_ray.runs.inputs import RunInputs
 from tma_ray.students.rollout_workers import CohortSettings
 
 REPORT_SECONDS = 20.0
@@ -61,6 +62,7 @@ def execute(plan: Plan, options: argparse.Namespace) -> None:
     placement = Placement("cpu" if width else options.device)
     with Lease(committer.store, lease_holder(plan.name)) as lease:
         committer.write_cells(plan.name, plan.cell_rows)
+        RunInputs.of(runs).keep(committer.store)
         executor = LocalExecutor(committer.store, placement, options.processes, settings)
         view = ProgressView(line_seconds=REPORT_SECONDS)
         scheduler = Scheduler(

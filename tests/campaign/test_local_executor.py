@@ -15,6 +15,7 @@ from tma_ray.campaign.scheduler import Scheduler
 from tma_ray.campaign.settings import ExecutionConfig
 from tma_ray.results import Committer, Results, RunStatus, Table
 from tma_ray.runs import Cell, Placement, RunSpec, Schedule, run_locally
+from tma_ray.runs.inputs import RunInputs
 from tma_ray.runs.placement import PLAYER_NICENESS
 from tma_ray.students.rollout_workers import CohortSettings
 
@@ -55,6 +56,7 @@ def execute(
     view: Playing | None = None,
 ) -> Snapshot:
     committer = Committer.open(root)
+    RunInputs.of(runs).keep(committer.store)
     settings = CohortSettings(width=width) if width else None
     executor = LocalExecutor(committer.store, Placement(), processes, settings)
     quick = ExecutionConfig(poll_seconds=0.2)

@@ -83,10 +83,12 @@ def short_run(folder: Path) -> tuple[RunSpec, dict[str, bytes]]:
     return spec, data_files(folder / "undisturbed")
 
 
-def run(spec: RunSpec, root: str | Path, stop_after: float = inf, placement: Placement | None = None) -> str:
+def run(
+    spec: RunSpec, root: str | Path, stop_after: int | None = None, placement: Placement | None = None
+) -> str:
     """Execute a run, stopping after `stop_after` episodes; return the outcome."""
-    episodes = count(1)
-    return run_locally(spec, Committer.open(root), placement, lambda: next(episodes) >= stop_after).value
+    episodes, last = count(1), inf if stop_after is None else stop_after
+    return run_locally(spec, Committer.open(root), placement, lambda: next(episodes) >= last).value
 
 
 def new_run(spec: RunSpec, root: Path, attempt: int = 0, teacher: type[InlineTeacher] = InlineTeacher) -> Run:

@@ -57,7 +57,8 @@ class Scheduler:
     def execute(self, specs: Sequence[RunSpec], stop_requested: Callable[[], bool]) -> Snapshot:
         """Execute the runs of `specs` that are not done, in order, and return the final progress.
 
-        Once `stop_requested` returns True, runs stop with a checkpoint and nothing new starts.
+        The root must have their inputs already (`RunInputs.keep`). Once `stop_requested` returns True, runs
+        stop with a checkpoint and nothing new starts.
 
         Raises:
             HeadLostError: if Ray is lost; running attempts are recorded as lost.
