@@ -126,7 +126,7 @@ def test_a_lost_place_is_no_damage(packed: Path, published: str, monkeypatch: py
 
 def test_a_variable_may_name_a_folder_at_an_address(published: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(BASELINES_VARIABLE, published.rpartition("/")[0])
-    assert find_baseline("mine-1.0").place == published
+    assert find_baseline("mine-1.0").location == published
 
 
 def test_campaigns_are_refused_where_nothing_can_be_written(served: str, memory: str) -> None:
