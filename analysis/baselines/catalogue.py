@@ -343,7 +343,7 @@ def source_list(sources: Sources) -> tuple[str | Path, ...]:
 
 
 def own_teachers(sources: Sources, frames: Frames) -> frozenset[str]:
-    """Return the teachers, except Random, of results roots that `sources` combines with baselines."""
+    """Return the teachers, except Random, in results roots; empty unless `sources` has baselines, too."""
     distinct = source_list(sources)
     roots = [source for source in distinct if as_baseline(source) is None]
     if not 0 < len(roots) < len(distinct):

@@ -52,24 +52,19 @@ def card(
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    folders = sorted({PurePosixPath(path).parent for path in paths})
     text = environment.get_template("card.md.j2").render(
         manifest=manifest,
         published=manifest.kind is BaselineKind.PUBLISHED,
         holds=[(name.replace("_", " "), _plain(name, value)) for name, value in manifest.holds.items()],
         planned=", ".join(f"{_safe(name)} {count:,}" for name, count in sorted(manifest.planned.items())),
-        configurations=_configurations(paths),
+        configurations={folder.name: f"{folder}/*.parquet" for folder in folders},
         made=made,
         citation=citation or manifest.citation,
         ceilings=ceilings,
         tables="\n".join(render(table, TableFormat.MARKDOWN) for table in tables),
     )
     return re.sub(r"\n{3,}", "\n\n", text.rstrip()) + "\n"
-
-
-def _configurations(paths: Iterable[str]) -> dict[str, str]:
-    """Return the glob pattern of each table's files, by table name."""
-    folders = sorted({PurePosixPath(path).parent for path in paths})
-    return {folder.name: f"{folder}/*.parquet" for folder in folders}
 
 
 def holdings(columns: Mapping[str, Sequence[Any]], counts: Mapping[str, int]) -> dict[str, Any]:

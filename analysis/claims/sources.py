@@ -163,7 +163,7 @@ class RootSource:
         }
 
     def sample(self, reading: Reading) -> Sample | None:
-        """Return the runs of a reading, or None if its pool is incomplete."""
+        """Return the runs pooled for `reading`, or None if some are missing."""
         return self._at(reading).get(reading.teacher)
 
     def teachers(self, reading: Reading) -> Sequence[str]:

@@ -114,7 +114,7 @@ def _table(heads: Sequence[tuple[str, int]]) -> Table:
 
 
 def _add(table: Table, teacher: str, cells: Sequence[str], style: str | None = None) -> None:
-    """Add a row, wrapping the teacher's name to the column width, preferably before a setting."""
+    """Add a row; wrap the teacher's name to the column width, preferably before a `:name=value`."""
     lines: list[str] = []
     for index, part in enumerate(re.split(r"(?<=.)(?=:)", label(teacher))):
         indented = f"{'  ' if index else ''}{part}"

@@ -31,7 +31,7 @@ class ResultSet:
     """Results of one source, a results root or a baseline."""
 
     name: str  # name on pages
-    engine: str  # simulators of the worlds, with any physics versions
+    engine: str  # physics engines of the results, with their versions if they have any
     table: pd.DataFrame  # results from `pooling.pooled`, or from `reference.paper_frame`
     runs: pd.DataFrame | None = None  # rows from `pooling.pool_runs`; None for published tables
     frames: Frames | None = None  # results of the root; None for published tables

@@ -72,9 +72,8 @@ def split_experiments(cells: pd.DataFrame) -> tuple[pd.DataFrame, tuple[str, ...
             differs = (rows[list(RUN_CONDITIONS)] == list(values)).all(axis=1)
             names[differs.index[differs]] = f"{key[1]} ({words})"
             where = f"{key[2]} {key[3]}, {key[5]}"
-            sentences.append(
-                f"{counted(int(differs.sum()), 'run')} of {key[1]} ({where}) stand apart: {words}."
-            )
+            runs = counted(int(differs.sum()), "run")
+            sentences.append(f"{runs} of {key[1]} ({where}) stand apart: {words}.")
     return cells.assign(experiment=names), tuple(sentences)
 
 

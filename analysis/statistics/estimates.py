@@ -126,7 +126,7 @@ def _margin(parts: Sequence[Floats], freedoms: Sequence[float] | None = None) ->
 
 
 def _margin_of_clusters(parts: Sequence[Floats], names: Sequence[Hashable], kept: float = 1.0) -> float:
-    """Return the half-width of Student's interval for the mean of all values, clustered by `names` (n,).
+    """Return the half-width of the cluster-robust t interval of the mean, with clusters `names` (n,).
 
     `kept` is the share of the clusters that count as degrees of freedom.
     """

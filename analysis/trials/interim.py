@@ -64,7 +64,9 @@ class InterimLook:
     """Interim look of a trial, with its comparisons."""
 
     seeds: int  # number of the new teacher's seeds per cell so far
-    comparisons: tuple[LookComparison, ...]  # comparisons, those by the measure that ends trials first
+    comparisons: tuple[
+        LookComparison, ...
+    ]  # comparisons, first by the measure that can end a trial
     settled: tuple[LookComparison, ...]  # comparisons, each at the look of its verdict, or at this look
     ending: TrialEnding  # reason why the trial ends here, or `GOES_ON`
     excluded: int = 0  # number of runs excluded for non-finite returns
@@ -368,6 +370,8 @@ def latex_row(design: Design, look: InterimLook) -> str:
 def methods(design: Design, look: InterimLook, versions: str) -> str:
     """Return the methods paragraph of a paper, with the numbers of the trial."""
     cells, runs = ", ".join(cell.name for cell in design.cells), look.seeds * len(design.cells)
+    old = any(cell.weight is None for cell in design.cells)
+    weighting = "cells of equal weight" if old else "challenges of equal weight, the bodies of each equal"
     beside = (
         "The mean of the last three evaluations is reported beside by the same intervals, and ends no trial. "
     )
@@ -378,7 +382,7 @@ def methods(design: Design, look: InterimLook, versions: str) -> str:
         f"{look.seeds} (seeds {design.seeds[0]} to {design.seeds[look.seeds - 1]}, {runs} runs; "
         f"{REASONS.get(look.ending, 'going on')}). The measure is the mean percentage of mastered test tasks "
         f"over training, on the arcsine scale. {beside if FINAL in design.axes else ''}Differences are means "
-        f"over {_weighting(design)}, with "
+        f"over {weighting}, with "
         f"Welch's standard error and Satterthwaite's degrees of freedom; in the standard error the variance "
         f"of a teacher counts with at least half of the mean variance of the release's teachers in the same "
         f"cell. The two comparisons, with Random "
@@ -391,11 +395,6 @@ def methods(design: Design, look: InterimLook, versions: str) -> str:
         f"were wrong in {100 * design.simulated_error:.1f} %. Estimates are median-unbiased by the "
         f"stagewise order. {versions}"
     )
-
-
-def _weighting(design: Design) -> str:
-    old = any(cell.weight is None for cell in design.cells)
-    return "cells of equal weight" if old else "challenges of equal weight, the bodies of each equal"
 
 
 def _looks(design: Design) -> str:

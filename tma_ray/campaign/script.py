@@ -42,7 +42,7 @@ from tma_ray.support.texts import counted
 
 @dataclass(frozen=True)
 class Campaign(CampaignSpec):
-    """Campaign with the command line `main` for scripts; see `CampaignSpec` for its attributes."""
+    """Campaign that a script runs from the command line by `main`; see `CampaignSpec`."""
 
     def main(self, arguments: Sequence[str] | None = None) -> None:
         """Run the campaign with options from the command line, and exit with a code for the outcome.

@@ -1,4 +1,4 @@
-"""Configuration of a campaign's execution, on which no result depends, and addresses of clusters."""
+"""Settings of a campaign's execution, which do not affect results, and cluster addresses."""
 
 import os
 import re

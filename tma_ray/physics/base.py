@@ -14,7 +14,7 @@ PHYSICS_VERSION = 3  # part of each run's identity; increased by every change to
 TIME_STEP = 1 / 50  # time between two actions, in s
 GRAVITY = -10.0  # in m/s²
 CEILING_TYPE = 1 << 20  # Chipmunk's collision type of ceiling shapes
-HANGING_STEPS = 6  # steps with closed grips before an episode that starts hanging; others start after one
+HANGING_STEPS = 6  # steps with closed grips before episodes that start hanging; 1 step before others
 
 
 class SolverSettings(NamedTuple):

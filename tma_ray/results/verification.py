@@ -265,7 +265,7 @@ def _listed_twice(manifests: Iterable[Manifest]) -> Iterator[Damage]:
 
 
 def _foreign_rows(store: Store, manifests: Iterable[Manifest]) -> Iterator[Damage]:
-    """Yield a `Damage` for each run whose rows in a shared file are incomplete or another run's."""
+    """Yield a `Damage` for each run whose slice of a shared file is short or has rows of other runs."""
     shared: dict[str, list[tuple[PartFile, str]]] = {}
     for manifest in manifests:
         for file in manifest.files:

@@ -175,7 +175,7 @@ class RadarAxes:
         self._axes.annotate(text, (0, ring), xytext=(-2, 0), textcoords="offset points", **style)
 
     def _anchor(self, axis: int) -> tuple[tuple[float, float], str, int]:
-        """Return the anchor, alignment and vertical direction (1 up, -1 down) of the name of an axis."""
+        """Return the position, alignment and vertical direction (1 up, -1 down) of an axis label."""
         angle = float(self._angles[axis])
         x, y = RADIUS * math.sin(angle), RADIUS * math.cos(angle)
         if abs(x) < 0.05 * RADIUS:

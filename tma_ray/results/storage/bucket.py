@@ -305,7 +305,7 @@ def _profile(name: str) -> dict[str, str]:
 
 
 def _keys(profile: Mapping[str, str]) -> dict[str, Any]:
-    """Return the keys of a profile for obstore, with their expiry."""
+    """Return the AWS credentials in `profile`, with their expiry, as obstore expects them."""
     expires: Any = datetime.now(UTC) + timedelta(minutes=5)  # after which the files are read again
     if "aws_access_key_id" in profile:
         names = "aws_access_key_id", "aws_secret_access_key", "aws_session_token"

@@ -122,7 +122,7 @@ class Network:
         return outputs
 
     def _buffer(self, use: str, index: int, like: torch.Tensor) -> torch.Tensor:
-        """Return cached memory (n, h) for a `use` of hidden layer `index`, with as many rows as `like`."""
+        """Return the cached buffer (n, h) of hidden layer `index` for the purpose `use`; n as in `like`."""
         shape = len(like), self.layout.sizes[index + 1]
         memory = self._memory.get((use, index))
         if memory is None or memory.shape != shape:
