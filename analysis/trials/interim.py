@@ -64,9 +64,7 @@ class InterimLook:
     """Interim look of a trial, with its comparisons."""
 
     seeds: int  # number of the new teacher's seeds per cell so far
-    comparisons: tuple[
-        LookComparison, ...
-    ]  # comparisons, first by the measure that can end a trial
+    comparisons: tuple[LookComparison, ...]  # comparisons, first by the measure that can end a trial
     settled: tuple[LookComparison, ...]  # comparisons, each at the look of its verdict, or at this look
     ending: TrialEnding  # reason why the trial ends here, or `GOES_ON`
     excluded: int = 0  # number of runs excluded for non-finite returns

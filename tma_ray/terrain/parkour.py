@@ -116,9 +116,7 @@ def softplus(values: Singles) -> Singles:
     return result
 
 
-TRACK_POINTS = (
-    STARTPAD_STEPS + POINTS
-)  # number of points of the ground, and of the ceiling, from x = 0
+TRACK_POINTS = STARTPAD_STEPS + POINTS  # number of points of the ground, and of the ceiling, from x = 0
 GOAL_X = (TRACK_POINTS - 5) * TERRAIN_STEP  # x of the goal, in m
 
 CEILING_OFFSET = 200.0  # height of the ceiling above the start, in units of the network (1 / delta m)

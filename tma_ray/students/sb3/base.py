@@ -102,7 +102,7 @@ class StableBaselinesStudent(ActingStudent, Generic[H, M]):
 
     @abstractmethod
     def _save_experience(self, folder: Path, incremental: bool, /) -> tuple[dict[str, Any], tuple[str, ...]]:
-        """Write buffers and statistics; return counters (JSON) and the names of unchanged, unwritten files."""
+        """Write buffers and statistics; return counters (JSON) and the names of files left unwritten."""
 
     @abstractmethod
     def _load_experience(self, folder: Path, counters: dict[str, Any], /) -> None:
