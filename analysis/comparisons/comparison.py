@@ -78,7 +78,7 @@ class Measurements:
 
     @property
     def comparisons(self) -> tuple["TeacherComparison", ...]:
-        """Comparisons in a fixed order, created anew on each access so that cached curricula can be freed."""
+        """Comparisons in a fixed order, new ones on each access so that cached curricula can be freed."""
         return tuple(TeacherComparison(measurements=self, **parts) for parts in self._parts)
 
     @cached_property

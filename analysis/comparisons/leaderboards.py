@@ -129,7 +129,7 @@ class Leaderboard:
         """
         return {
             (str(test["first"]), title): Gap.of(test)
-            for title, runs in _columns(self.runs).items()
+            for title, runs in (_by_challenge(self.runs) | _by_body(self.runs)).items()
             for _, test in pairwise(runs, axis, BASELINE, detectable=False).iterrows()
             if test["second"] in self.names
         }
@@ -237,9 +237,9 @@ def _distinction(where: Mapping[str, Any], part: pd.DataFrame, runs: pd.DataFram
 def _board(
     where: Mapping[str, Any], runs: pd.DataFrame, frames: Frames, distinction: Sequence[str]
 ) -> Leaderboard:
-    columns, bodies = _columns(runs), _bodies(runs)
+    by_challenge, by_body = _by_challenge(runs), _by_body(runs)
     results: dict[str, dict[str, dict[str, tuple[float, float, float]]]] = {}
-    for axis, (name, part) in itertools.product(AXES, columns.items()):
+    for axis, (name, part) in itertools.product(AXES, (by_challenge | by_body).items()):
         for row in stratified_means(part, axis, [*ACROSS, *CHALLENGE]).to_dict("records"):
             by_axis = results.setdefault(str(row["teacher"]), {axis: {} for axis in AXES})
             by_axis[axis][name] = float(row["difference"]), float(row["low"]), float(row["high"])
@@ -263,19 +263,26 @@ def _board(
         heading += f": the {len(entries)} teachers on {challenges} of {where['of']} challenges"
     return Leaderboard(
         title=heading,
-        challenges=tuple(columns)[: len(columns) - len(bodies)],
-        bodies=tuple(columns)[len(columns) - len(bodies) :],
+        challenges=tuple(by_challenge),
+        bodies=tuple(by_body),
         entries=entries,
         names=distinct_labels(results),
         runs=runs,
     )
 
 
-def _columns(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    """Return the runs of each challenge, and of each body if there is a single challenge, by title."""
+def _by_challenge(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    """Return the runs on each challenge, by its title."""
     titles = [challenge_title(*key) for key in zip(runs["environment"], runs["challenge"], strict=True)]
-    columns = {str(name): part for name, part in runs.groupby(np.array(titles, dtype=object))}
-    return columns | {title("embodiment", body): runs[runs["embodiment"] == body] for body in _bodies(runs)}
+    return {str(name): part for name, part in runs.groupby(np.array(titles, dtype=object))}
+
+
+def _by_body(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    """Return the runs of each body, by its title, if there is one challenge with several bodies."""
+    several = runs["embodiment"].nunique() > 1
+    if not several or len(runs[["environment", "challenge"]].drop_duplicates()) > 1:
+        return {}
+    return {title("embodiment", body): part for body, part in runs.groupby("embodiment", sort=True)}
 
 
 def _bodies(runs: pd.DataFrame) -> list[str]:

@@ -1,4 +1,4 @@
-"""Power analysis of experiments: detectable differences, and runs needed to tell teachers from Random."""
+"""Power analysis of experiments: detectable differences, and runs needed to detect those from Random."""
 
 import math
 from collections.abc import Collection, Hashable, Mapping, Sequence

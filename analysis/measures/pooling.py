@@ -330,7 +330,7 @@ def _gaps(rows: Columns, counted: Columns, by: Sequence[str]) -> Iterator[str]:
 
 
 def _expected(rows: Columns, by: Sequence[str]) -> set[str]:
-    """Return the labels of the parts of which a complete pool of `rows` would consist."""
+    """Return the labels of the parts that a complete pool of `rows` would have."""
     labels = set(map(_label, rows["embodiment"], rows["student"]))
     pool = str(rows["pool"][0])
     expected = {pool} if pool in labels else set(pool.split(PLUS))

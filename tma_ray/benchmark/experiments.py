@@ -25,7 +25,7 @@ class Tier(StrEnum):
     """Tiers of an experiment, in rising order of size."""
 
     SMOKE = "smoke"
-    """Smoke test of a few minutes, most of which goes into starting processes."""
+    """Smoke test of a few minutes, mostly spent on starting processes."""
     LITE = "lite"
     """Rough comparison with PPO, overnight on a laptop."""
     PAPER = "paper"
