@@ -1,7 +1,7 @@
 """Sources of results for claims: the paper's tables and the runs of a root."""
 
 import math
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Collection, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Protocol
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from analysis.data import columns
 from analysis.data.frames import Frames
 from analysis.data.reference import is_baseline
-from analysis.formatting import steps_text
+from analysis.formatting import listed, steps_text
 from analysis.measures import pooling
 from analysis.measures.tested import (
     PAPERS,
@@ -39,7 +39,7 @@ from tma_ray.benchmark import PAPER_STEPS, PaperResult, paper_results
 from tma_ray.benchmark.claims import Reading
 from tma_ray.benchmark.experiments import TEACHERS
 from tma_ray.results import BOX2D, SIMULATED
-from tma_ray.support.component_names import base_name
+from tma_ray.support.component_names import base_name, join_name
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,10 +144,11 @@ class RootSource:
     """Source backed by the runs of a results root: complete pools, with Random at every level.
 
     Results are used under one set of conditions, such as budget and students, in each environment: the one
-    that completes the most pools, and among several the one with the largest budget.
+    that completes the most pools, and among several the one with the largest budget. A teacher without runs
+    in an environment has those with the settings of the original release (``preset=release``).
 
     Attributes:
-        note: sentences about the conditions that are used and those that are not; empty if all are used.
+        note: sentences about these conditions and settings; empty if all results are used as they are.
     """
 
     def __init__(self, frames: Frames) -> None:
@@ -155,8 +156,11 @@ class RootSource:
         self._complete = cache(self._complete_at)
         present = frames.cells[["environment", "challenge"]].drop_duplicates()
         self._present = set(present.itertuples(index=False, name=None))
+        taught = frames.cells.groupby("environment", observed=True)["teacher"].unique()
+        self._released = {name: _released_settings(set(teachers)) for name, teachers in taught.items()}
         tables = {name: self._pooled(name) for name in sorted(set(present["environment"]))}
-        self._conditions, self.note = _chosen_conditions({n: t for n, t in tables.items() if len(t)})
+        self._conditions, note = _chosen_conditions({n: t for n, t in tables.items() if len(t)})
+        self.note = " ".join(filter(None, (note, *_settings_notes(self._released))))
         self._others = {
             environment: _other_conditions(tables[environment], conditions)
             for environment, conditions in self._conditions.items()
@@ -186,7 +190,9 @@ class RootSource:
         """Return the runs of the paper's teachers in an environment after a share of the budget."""
         # same arguments as pages use, to share the cached result
         runs = pooling.runs_after(self._frames, share, training=share == 1)
-        return runs[(runs["environment"] == environment) & runs["teacher"].isin(TEACHERS)]
+        runs = runs[runs["environment"] == environment]
+        teachers = runs["teacher"].replace(self._released.get(environment, {}))
+        return runs.assign(teacher=teachers)[teachers.isin(TEACHERS)]
 
     def _pooled(self, environment: str, share: float = 1.0, by: Sequence[str] = ()) -> pd.DataFrame:
         """Return the pooled results of an environment after a share of the budget."""
@@ -201,8 +207,9 @@ class RootSource:
         by = ["embodiment"] if by_body else []
         runs, table = self._runs(environment, share), self._pooled(environment, share, by)
         counted = table["missing"] == ""
-        for column, value in self._conditions[environment].items():
+        for column, value in self._conditions[environment].drop("variant").items():
             counted &= table[str(column)].isna() if pd.isna(value) else table[str(column)] == value
+        counted &= _in_variant(table, self._conditions[environment]["variant"])
         labels = (runs["embodiment"].astype(str) + "/" + runs["student"].astype(str)).to_numpy(object)
         values = pd.Series(runs[PAPERS].to_numpy(float), runs["run_id"].to_numpy(object))
         by_key: dict[tuple[str, ...], dict[str, Sample]] = {}
@@ -216,6 +223,21 @@ class RootSource:
             sample = _sample(labels[members], values.iloc[members], seeds)
             by_key.setdefault(key, {})[str(row["teacher"])] = sample
         return {key: _with_least(samples) for key, samples in by_key.items()}
+
+
+def _in_variant(table: pd.DataFrame, chosen: str) -> pd.Series:
+    """Return a mask of the rows of a variant, and of bodies whose only variant has the same students.
+
+    Args:
+        table: rows from `pooling.pooled`, with or without the column embodiment.
+        chosen: the variant.
+    """
+    mask = table["variant"] == chosen
+    if "embodiment" in table:
+        students = table["pool"].map(lambda pool: frozenset(name for _, name in pooling.parts_of(pool)))
+        alone = table.groupby("embodiment")["variant"].transform("nunique") == 1
+        mask |= alone & students.isin(students[mask])
+    return mask
 
 
 def _sample(labels: NDArray[np.object_], values: pd.Series, seeds: Seeds) -> Sample:
@@ -239,6 +261,21 @@ def _with_least(samples: Mapping[str, Sample]) -> dict[str, Sample]:
     return {teacher: replace(sample, least=least) for teacher, sample in samples.items()}
 
 
+def _released_settings(teachers: Collection[str]) -> dict[str, str]:
+    """Return the paper's teachers that have runs with the original release's settings only, by full name."""
+    names = {join_name(teacher, {"preset": "release"}): teacher for teacher in TEACHERS}
+    return {name: own for name, own in names.items() if name in teachers and own not in teachers}
+
+
+def _settings_notes(released: Mapping[str, Mapping[str, str]]) -> Iterator[str]:
+    """Yield sentences about teachers with the settings of the original release, given by environment."""
+    for names in dict.fromkeys(tuple(names.items()) for names in released.values() if names):
+        where = [title("environment", name) for name, own in released.items() if tuple(own.items()) == names]
+        about = f" in {listed(where)}" if len(where) < len(released) else ""
+        full, own = (listed(map(label, teachers)) for teachers in zip(*names, strict=True))
+        yield f"Without runs of {own}{about}, those of {full} are judged."
+
+
 def _chosen_conditions(tables: Mapping[str, pd.DataFrame]) -> tuple[dict[str, pd.Series], str]:
     """Return the conditions chosen for each environment, and sentences about conditions not chosen.
 
@@ -257,6 +294,7 @@ def _chosen_conditions(tables: Mapping[str, pd.DataFrame]) -> tuple[dict[str, pd
         if len(ordered) == 1:
             continue
         varied = pooling.varying(ordered)
+        ordered = ordered.assign(variant=pooling.without_common_phrases(ordered["variant"]))
         used, *others = (
             ", ".join(pooling.condition_words(row, varied)) or USUAL for _, row in ordered.iterrows()
         )

@@ -21,7 +21,13 @@ from analysis.data.columns import ACROSS, CHALLENGE, PARTS, STRATA
 from analysis.data.frames import Frames
 from analysis.data.reference import BASELINE, is_baseline
 from analysis.formatting import estimate, few_seeds_warning, listed, number, steps_text
-from analysis.measures.pooling import condition_words, levels_together, runs_after, varying
+from analysis.measures.pooling import (
+    condition_words,
+    levels_together,
+    runs_after,
+    varying,
+    without_common_phrases,
+)
 from analysis.measures.run_measures import trained_shares
 from analysis.measures.tested import AXES, FINAL, HEADLINE, TRAINED
 from analysis.names import challenge_title, distinct_labels, label, mark_of, title
@@ -231,7 +237,9 @@ def _distinction(where: Mapping[str, Any], part: pd.DataFrame, runs: pd.DataFram
     environments = sorted(part["environment"].unique())
     same = runs[runs["environment"].isin(environments)]
     words = [title("environment", tuple(environments))] if len(same) < len(runs) else []
-    return [*words, *condition_words(pd.Series(where), varying(same, ["mastery_threshold", "variant"]))]
+    named = varying(same, ["mastery_threshold", "variant"])
+    shorter = without_common_phrases(same["variant"])[part.index[0]]
+    return [*words, *condition_words(pd.Series({**where, "variant": shorter}), named)]
 
 
 def _board(

@@ -51,6 +51,14 @@ def condition_words(row: pd.Series, columns: Sequence[str] = CONDITIONS) -> list
     return list(dict.fromkeys(phrases))
 
 
+def without_common_phrases(variants: pd.Series) -> pd.Series:
+    """Return the variants without the phrases that all of them have."""
+    phrases = {text: text.split(BETWEEN_PHRASES) for text in variants.unique()}
+    common = set.intersection(*map(set, phrases.values())) if len(phrases) > 1 else set()
+    own = {text: [word for word in words if word not in common] for text, words in phrases.items()}
+    return variants.map({text: BETWEEN_PHRASES.join(words) for text, words in own.items()})
+
+
 def by_conditions(runs: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
     """Yield a tag for file names and the started runs of each set of conditions, largest set first."""
     begun = runs[runs["steps"].notna()]
@@ -66,6 +74,8 @@ def by_conditions(runs: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
 
 
 PLUS = " + "
+
+BETWEEN_PHRASES = "; "
 
 BIPEDAL, RELEASED_BIPEDAL = "classic_bipedal", "old_classic_bipedal"
 """Embodiment "bipedal" of the paper, and the one of the original release."""
@@ -105,7 +115,7 @@ def variant(engine: str, environment: str, challenge: str, pool: str, test_sets:
     matrices = [matrix for matrix in MATRICES if (matrix.environment, matrix.challenge) == key]
     words = [f"{name}={value}" for name, value in settings.items()]
     if engine == SIMULATED:
-        return "; ".join([*words, "simulated students"])
+        return BETWEEN_PHRASES.join([*words, "simulated students"])
     if bodies != {body for matrix in matrices for body in matrix.embodiments} and matrices:
         words.append(", ".join(sorted(bodies)))
     if students != ({student for matrix in matrices for student in matrix.students} or {"sac"}):
@@ -113,7 +123,7 @@ def variant(engine: str, environment: str, challenge: str, pool: str, test_sets:
     shipped = shipped_together([key[0]]).get((engine, *key), ())
     if matrices and isinstance(test_sets, str) and test_sets != PLUS.join(shipped):
         words.append(f"test set {test_sets}")
-    return "; ".join(words)
+    return BETWEEN_PHRASES.join(words)
 
 
 def pool_runs(
@@ -121,8 +131,9 @@ def pool_runs(
 ) -> pd.DataFrame:
     """Return one row per run of each pool, with its measures.
 
-    Embodiments and students that `matrices` list for a challenge are pooled. Another student is pooled over
-    the same embodiments, and another embodiment over the same students. The shipped test sets of a challenge,
+    Embodiments and students that `matrices` list for a challenge are pooled, except for those with fewer than
+    half as many teachers as another, which form a pool of their own. Another student is pooled over the same
+    embodiments, and another embodiment over the same students. The shipped test sets of a challenge,
     one per type of embodiment, count as one, unless an embodiment is tested on several of them. Runs that
     have not begun are counted with those that have, if the latter agree on their settings.
 
@@ -266,15 +277,36 @@ def _pools(cells: pd.DataFrame, matrices: Sequence[Matrix]) -> list[str]:
         key = matrix.environment, matrix.challenge
         bodies.setdefault(key, set()).update(matrix.embodiments)
         students.setdefault(key, set()).update(matrix.students)
-    pools = []
-    names = ["environment", "challenge", *PARTS]
-    for environment, challenge, body, student in cells[names].itertuples(index=False, name=None):
+    pools, rare = [], _rare_parts(cells)
+    names = ["engine", "environment", "challenge", *PARTS]
+    for engine, environment, challenge, body, student in cells[names].itertuples(index=False, name=None):
         key = environment, challenge
         pooled_students = students[key] if student in students.get(key, ()) else {student}
         pooled_bodies = bodies[key] if body in bodies.get(key, ()) else {body}
-        parts = itertools.product(pooled_bodies, pooled_students)
-        pools.append(PLUS.join(sorted(_label(*part) for part in parts)))
+        parts = itertools.starmap(_label, itertools.product(pooled_bodies, pooled_students))
+        apart = rare.get((engine, *key), frozenset())
+        is_rare = _label(body, student) in apart
+        pools.append(PLUS.join(sorted(part for part in parts if (part in apart) == is_rare)))
     return pools
+
+
+LEAST_TEACHERS = 0.5
+"""Smallest share of a challenge's teachers for which a body with a student is pooled with the others."""
+
+
+def _rare_parts(cells: pd.DataFrame) -> dict[tuple[str, str, str], frozenset[str]]:
+    """Return the labels of parts with few teachers, by engine, environment and challenge.
+
+    One body that only some teachers have would leave the pools of all others incomplete.
+    """
+    keys = ["engine", "environment", "challenge"]
+    counts = cells.groupby([*keys, *PARTS], observed=True)["teacher"].nunique().reset_index()
+    most = counts.groupby(keys)["teacher"].transform("max")
+    rare = counts[counts["teacher"] < LEAST_TEACHERS * most]
+    return {
+        (str(engine), str(environment), str(challenge)): frozenset(map(_label, *(rows[p] for p in PARTS)))
+        for (engine, environment, challenge), rows in rare.groupby(keys)
+    }
 
 
 def _test_sets(cells: pd.DataFrame) -> pd.Series:

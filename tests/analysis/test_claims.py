@@ -220,6 +220,39 @@ def test_what_other_conditions_rule_out_is_not_seen_and_not_refuted(tmp_path: Pa
     }
 
 
+def test_a_body_that_few_teachers_have_is_judged_alone(tmp_path: Path) -> None:
+    """The pool of the other bodies is complete without it, and claims about it use its own runs."""
+    sets = challenges_of("parkour")["original"]
+    bodies = {"classic_bipedal": "walker", "fish": "swimmer", "climbing_chimpanzee": "climber"}
+    for body, kind in bodies.items():
+        tests = {"embodiment": body, "test_set": sets.test_set_of(kind), "student": "ppo"}
+        campaign = SyntheticCampaign(tmp_path, steps=PAPER_STEPS, experiment=body)
+        for place, teacher in enumerate(("random", "adr", "riac", "alp_gmm", "covar_gmm")):
+            if kind != "climber" or place < 2:
+                campaign.seeds(teacher, [3 + place, 4 + place], **PARKOUR | tests)
+    source = RootSource(load(tmp_path))
+    everywhere, climber = (Reading("adr", "original", LOW, "parkour", body) for body in ("", [*bodies][-1]))
+    samples = {reading: source.sample(reading) for reading in (everywhere, climber)}
+    assert {name for sample in samples.values() if sample for name in sample.strata} == {
+        f"{body}/ppo" for body in bodies
+    }
+    assert source.teachers(climber) == ["adr", "random"]
+    assert len(source.teachers(everywhere)) == 5
+    assert source.note.endswith("of classic_bipedal, fish alone; apart stand those of climbing_chimpanzee.")
+
+
+def test_a_teacher_with_the_settings_of_the_release_is_judged_for_lack_of_its_own(tmp_path: Path) -> None:
+    spdl = Reading("spdl", "rugged_difficulty", LOW)
+    write(tmp_path, "random", [5, 6, 4, 5])
+    write(tmp_path, "spdl:preset=release", [1, 2, 1, 2])
+    statement = Bounded(spdl, most=30.0)
+    assert standing(tmp_path, statement) == [Standing.SUPPORTED]
+    assert RootSource(load(tmp_path)).note == ("Without runs of SPDL, those of SPDL (release) are judged.")
+    write(tmp_path, "spdl", [9, 9, 8, 9])
+    assert standing(tmp_path, statement) == [Standing.REFUTED]
+    assert RootSource(load(tmp_path)).note == ""
+
+
 PARKOUR = {"environment": "parkour", "challenge": "original", "test_set": "parkour_walking"}
 
 

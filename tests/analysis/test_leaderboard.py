@@ -98,6 +98,21 @@ def test_steps_that_trained_stand_beside_those_that_were_spent() -> None:
     assert max(map(len, text.splitlines())) <= 100
 
 
+def test_a_body_that_few_teachers_have_has_a_leaderboard_of_its_own(tmp_path: Path) -> None:
+    bodies = {"classic_bipedal": "walking", "fish": "swimming", "climbing_chimpanzee": "climbing"}
+    for body, moving in bodies.items():
+        place = {"environment": "parkour", "embodiment": body, "test_set": f"parkour_{moving}:every=2"}
+        campaign = SyntheticCampaign(tmp_path, experiment=moving, steps=STEPS)
+        for teacher in (*TEACHERS, "sfl")[: 2 if moving == "climbing" else 5]:
+            campaign.seeds(teacher, [3, 4, 5], **place, **NAMES)
+    both, climber = leaderboards(load(tmp_path))
+    assert (len(both.entries), both.bodies) == (5, ("Classic bipedal", "Fish"))
+    assert both.title == "expert knowledge low, 2 million steps, Chipmunk 1, classic_bipedal, fish"
+    assert {rank.of for entry in both.entries for rank in entry.ranks.values()} == {5}
+    assert (len(climber.entries), climber.bodies) == (2, ())
+    assert climber.title == "expert knowledge low, 2 million steps, Chipmunk 1, climbing_chimpanzee"
+
+
 def test_curves_against_the_steps_that_trained_end_where_these_do() -> None:
     charts = {
         str(comparison.cells["challenge"].iloc[0]): chart

@@ -89,6 +89,21 @@ def test_what_a_pool_lacks_is_named(cells: Iterable[dict[str, Any]], runs: int, 
     assert math.isnan(row["mastered_percent_mean"]) == (n == 0)
 
 
+def test_a_body_with_under_half_of_the_teachers_is_a_pool_of_its_own() -> None:
+    two = {body: values for body, values in THREE_BODIES.items() if body != "climbing_chimpanzee"}
+    few = [row for name in ("random", "adr") for row in parkour(name, THREE_BODIES)]
+    for others, pools in ((2, 1), (3, 2)):
+        cells = [*few, *(row for name in ("alp_gmm", "riac", "spdl")[:others] for row in parkour(name, two))]
+        table = pooled(pool(*cells))
+        assert table["pool"].nunique() == pools
+        complete = set(table["teacher"][table["missing"] == ""])
+        assert len(complete) == (2 if pools == 1 else 2 + others)
+    climbing = table[table["pool"] == "climbing_chimpanzee/sac"]
+    assert (set(climbing["teacher"]), set(climbing["n"])) == ({"random", "adr"}, {2})
+    assert set(climbing["variant"]) == {"climbing_chimpanzee"}
+    assert set(table["variant"]) - set(climbing["variant"]) == {"classic_bipedal, fish"}
+
+
 def test_what_a_body_of_a_pool_lacks_is_named_there_alone() -> None:
     per_body = pooled(pool(*diverse(*DIVERSE[:3])), by=["embodiment"]).set_index("embodiment")
     assert per_body["missing"].to_dict() == {"short_bipedal": "", "spider": "no results of spider/ppo"}
