@@ -293,13 +293,6 @@ def _by_body(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
     return {title("embodiment", body): part for body, part in runs.groupby("embodiment", sort=True)}
 
 
-def _bodies(runs: pd.DataFrame) -> list[str]:
-    """Return the bodies if there are several on a single challenge, else an empty list."""
-    bodies = sorted(runs["embodiment"].unique())
-    one = len(runs[["environment", "challenge"]].drop_duplicates()) == 1
-    return bodies if one and len(bodies) > 1 else []
-
-
 def overall(runs: pd.DataFrame, measure: str = HEADLINE) -> pd.DataFrame:
     """Return estimates over shared challenges, one row per teacher, level and budget, best teacher first.
 
@@ -346,14 +339,14 @@ def overall_rows(runs: pd.DataFrame, measure: str = HEADLINE) -> list[dict[str, 
         block, place, name (of the teacher), n, mean and better (with intervals), final, worst, over (shares
         of runs above `THRESHOLDS`).
     """
-    rows, named = [], _named_conditions(runs)
+    rows, places = [], {_key(where): title for where, title, _ in _titled_blocks(runs, measure)}
     for row in overall(runs, measure).to_dict("records"):
         name = str(row["teacher"])
         better = estimate(row["better"], row["low_better"], row["high_better"], 2)
         rows.append(
             {
                 "block": row["block"],
-                "place": _block_title(pd.Series(row), named),
+                "place": places[_key(row)],
                 "name": name,
                 "n": row["n"],
                 "mean": estimate(row["mean"], row["low_mean"], row["high_mean"], 1),
@@ -368,20 +361,21 @@ def overall_rows(runs: pd.DataFrame, measure: str = HEADLINE) -> list[dict[str, 
 
 def performance_profiles(runs: pd.DataFrame, measure: str = HEADLINE) -> Iterator[tuple[str, pd.DataFrame]]:
     """Yield the title and the performance profiles (in steps of 2 %) of each block of teachers."""
-    named = _named_conditions(runs)
+    for _, heading, part in _titled_blocks(runs, measure):
+        yield heading, profiles(part, measure, range(0, 100, 2), by=[*ACROSS, "teacher"], strata=STRATA)
+
+
+def _titled_blocks(runs: pd.DataFrame, measure: str) -> Iterator[tuple[Mapping[str, Any], str, pd.DataFrame]]:
+    """Yield `_blocks` with their titles: level, conditions, and number of challenges if not all."""
+    named = [name for name in dict.fromkeys(["steps", *varying(runs)]) if name != "variant"]
     for where, part in _blocks(runs, measure):
-        table = profiles(part, measure, range(0, 100, 2), by=[*ACROSS, "teacher"], strata=STRATA)
-        yield _block_title(pd.Series(where), named), table
+        words = [f"expert knowledge {where['expert_knowledge']}", *condition_words(pd.Series(where), named)]
+        words += _distinction(where, part, runs)
+        if where["challenges"] < where["of"]:
+            words.append(f"{where['challenges']} of {where['of']} challenges")
+        yield where, ", ".join(dict.fromkeys(words)), part
 
 
-def _named_conditions(runs: pd.DataFrame) -> list[str]:
-    """Return the conditions to name in titles: the budget, and any others that vary."""
-    return list(dict.fromkeys(["steps", *varying(runs)])) if len(runs) else []
-
-
-def _block_title(row: pd.Series, named: Sequence[str]) -> str:
-    """Return a title with a block's level and conditions, and its number of challenges if not all."""
-    words = [f"expert knowledge {row['expert_knowledge']}", *condition_words(row, named)]
-    if row["challenges"] < row["of"]:
-        words.append(f"{row['challenges']} of {row['of']} challenges")
-    return ", ".join(words)
+def _key(row: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the values of `BLOCK_COLUMNS` as text, in which missing values are equal."""
+    return tuple(str(row[name]) for name in BLOCK_COLUMNS)
