@@ -39,6 +39,7 @@ OTHERS = {
     "learning": (f"{SHORT_RUNS} --seeds 1", "of 1 seeds walk"),
     "lite": (f"--stage core {IN_A_MOMENT}", STOPPED),
     "locomotion": (f"{SHORT_RUNS} --seeds 1", "climbing_chimpanzee, easy_climbing: mean return by seed"),
+    "long_runs": ("--output .", "space,done,needed,core-hours"),
     "pairing": (f"{IN_A_MOMENT} --seeds 1", "/1 runs done"),  # its run may be over by then
     "parkour_pilot": (f"{IN_A_MOMENT} --csv pilot.csv", STOPPED),
     "pilot": (f"{IN_A_MOMENT} --csv pilot.csv", STOPPED),

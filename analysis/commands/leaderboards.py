@@ -241,12 +241,16 @@ BUDGET_HEADS = [
 ]
 
 
+LEAST_CHANCE = 0.005
+"""Smallest probability of being the best that is shown."""
+
+
 def _row(board: Leaderboard, entry: Entry) -> list[str]:
     numbers: list[str] = []
     for axis in COLUMN_AXES:
-        chance = number(100 * entry.ranks[axis].chance, 0)
+        chance = entry.ranks[axis].chance
         mean, gap, rank = _cells(entry, axis)
-        numbers += [mean, gap, rank if chance == "0" else f"{rank}, {chance} %"]
+        numbers += [mean, gap, f"{rank}, {number(100 * chance, 0)} %" if chance >= LEAST_CHANCE else rank]
     verdict = entry.against.verdict if entry.against else ""
     runs = str(entry.ranks[HEADLINE].n)
     marked = board.marked(entry).replace("*", "\\*")

@@ -16,6 +16,7 @@ from analysis.measures.pooling import condition_words, varying
 from analysis.measures.run_measures import NEARLY_ALL, Curves, trained_areas, trained_curves, trained_shares
 from analysis.measures.tested import AXES, FINAL, HEADLINE, TRAINED, on_both_axes, verdict
 from analysis.names import label
+from analysis.statistics.tests import SINGLE_RUN
 
 LARGEST = 100.0  # largest possible difference, in points
 
@@ -38,7 +39,8 @@ class Gap:
         return cls(float(test["difference"]), float(low), float(high), verdict(test))
 
     def __str__(self) -> str:
-        return f"{number(self.value)} {interval_text(self.low, self.high)}"
+        ends = f"[{SINGLE_RUN}]" if self.verdict == SINGLE_RUN else interval_text(self.low, self.high)
+        return f"{number(self.value)} {ends}"
 
 
 @dataclass(frozen=True)

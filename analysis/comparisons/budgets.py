@@ -166,11 +166,16 @@ class BudgetComparison:
 
     def sentence(self) -> str:
         """Return a sentence about the agreement of the early budget with the last one."""
-        last = self.agreements[-1]
+        last, early = self.agreements[-1], steps_text(self.budgets[0])
+        later, pairs = steps_text(last.budget), f"{last.reversed_pairs} of {last.pairs} pairs change places"
+        if last.correlation.reason:
+            return (
+                f"Between the order of teachers over training after {early} steps and that in the end after "
+                f"{later}, {pairs}."
+            )
         return (
-            f"The order of teachers over training after {steps_text(self.budgets[0])} steps agrees with "
-            f"that in the end after {steps_text(last.budget)} with a correlation of true effects of {last}; "
-            f"{last.reversed_pairs} of {last.pairs} pairs change places."
+            f"The order of teachers over training after {early} steps agrees with that in the end after "
+            f"{later} with a correlation of true effects of {last}; {pairs}."
         )
 
 

@@ -98,11 +98,14 @@ class Leaderboard:
         return any(entry.ranks[HEADLINE].newcomer for entry in self.entries)
 
     def best(self, axis: str) -> dict[str, float]:
-        """Return the smallest credible set for the best teacher, with the probability of each member."""
+        """Return the smallest credible set for the best teacher, with the probability of each member.
+
+        It is empty if probabilities are unknown, for lack of a second seed.
+        """
         chances = {entry.teacher: entry.ranks[axis].chance for entry in self.entries}
         best: dict[str, float] = {}
         for teacher in sorted(chances, key=lambda name: -chances[name]):
-            if sum(best.values()) < CREDIBLE:
+            if sum(best.values()) < CREDIBLE and not math.isnan(chances[teacher]):
                 best[teacher] = chances[teacher]
         return best
 
@@ -112,7 +115,9 @@ class Leaderboard:
             return ""
         leaders = {axis: self.best(axis) for axis in AXES}
         texts = {axis: self._named(chances) for axis, chances in leaders.items()}
-        if leaders[HEADLINE].keys() == leaders[FINAL].keys():
+        if not leaders[FINAL]:
+            first = "With a single seed in a cell no teacher can be called the best"
+        elif leaders[HEADLINE].keys() == leaders[FINAL].keys():
             first = f"The best teacher, sooner and in the end, is {texts[FINAL]}"
         else:
             first = f"The best teacher in the end is {texts[FINAL]}; the soonest is {texts[HEADLINE]}"

@@ -3,6 +3,7 @@
 In all functions `runs` are rows from `pooling.pool_runs`, and `measure` is a column of them, in per cent.
 """
 
+import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -18,6 +19,7 @@ from analysis.formatting import few_seeds_suffix, listed, steps_text
 from analysis.measures.tested import AXES, HEADLINE
 from analysis.names import label
 from analysis.statistics import SIGNIFICANCE
+from analysis.statistics.tests import SINGLE_RUN
 from tma_ray.support.texts import counted
 
 EQUAL = 1e-9  # teachers whose means differ by less, in points, share a rank
@@ -45,7 +47,7 @@ class Rank:
     worse: tuple[str, ...]  # teachers with a higher mean, p < 0.05 after Holm's correction
     undecided: tuple[str, ...]  # ranked teachers from which it does not differ significantly
     left_out: tuple[str, ...]  # teachers not ranked, for lack of results on some of its challenges
-    chance: float  # probability that its true mean is highest among teachers with as many challenges
+    chance: float  # probability of the highest true mean among teachers with as many challenges, or NaN
 
     @property
     def best(self) -> int:
@@ -159,13 +161,17 @@ def _standing(mean: Mapping[str, Any], tests: pd.DataFrame) -> dict[str, Any]:
 def _chances(means: Mapping[str, Mapping[str, Any]]) -> dict[str, float]:
     """Return each teacher's probability of the highest true mean among those with as many challenges.
 
-    True means are drawn independently from Student's t around the observed means.
+    True means are drawn independently from Student's t around the observed means. Probabilities are NaN if
+    one of these teachers has a single run in a cell.
     """
     rng = np.random.default_rng(0)
     chances: dict[str, float] = {}
     for challenges in {mean["challenges"] for mean in means.values()}:
         names = [name for name, mean in means.items() if mean["challenges"] == challenges]
         table = pd.DataFrame([means[name] for name in names])
+        if (table["reason"] == SINGLE_RUN).any():
+            chances |= dict.fromkeys(names, math.nan)
+            continue
         errors = (table["difference"] / table["t"]).fillna(0.0).to_numpy(float)  # 0 where no runs vary
         freedom = table["degrees_of_freedom"].fillna(1.0).to_numpy(float)
         drawn = table["difference"].to_numpy(float) + errors * rng.standard_t(freedom, (DRAWS, len(names)))

@@ -71,6 +71,8 @@ def _extreme_share(differences: Floats, observed: float, scale: float) -> float:
 ROUNDING = 1e-9  # shares this close to 0 or 1 are rounded
 ALL_EQUAL = "no spread between seeds"  # reason for no test: all values are equal
 
+SINGLE_RUN = "needs 2 seeds"  # reason for no test: a sample of fewer than two runs
+
 
 class Method(StrEnum):
     """Test behind a p-value.
@@ -192,7 +194,7 @@ def welch_from_statistics(first: Description, second: Description) -> Comparison
     """
     difference, reason = first.mean - second.mean, ""
     if min(first.n, second.n) < 2:
-        reason = "needs 2 seeds"
+        reason = SINGLE_RUN
     elif not (math.isfinite(first.std) and math.isfinite(second.std)):
         reason = "no standard deviation"
     elif first.std == second.std == 0 and _same_mean(first, second):
@@ -251,7 +253,7 @@ def stratified(
     if _share_a_run(pairs):
         reason = "same runs"
     elif min(sample.n for pair in samples for sample in pair) < 2:
-        reason = "needs 2 seeds"
+        reason = SINGLE_RUN
     elif constant and all(_same_mean(first, second) for first, second in samples):
         reason = ALL_EQUAL
     if reason:

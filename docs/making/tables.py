@@ -56,6 +56,11 @@ MEASURED = (
     "tau_coverage",
     "trial_cells",
     "teacher_cost",
+    "long_runs_done",
+    "long_runs_mastered",
+    "long_runs_decided",
+    "long_runs_agreement",
+    "long_runs_predictions",
 )
 """Tables of `benchmarks/measured`; its other files contain evaluations."""
 

@@ -2,6 +2,7 @@
 
 import itertools
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -79,6 +80,15 @@ def test_pairs_are_reversed_where_the_order_of_their_means_is(comparison: Budget
         assert (agreement.reversed_pairs, agreement.pairs) == (signs.count(-1), len(pairs))
         untied = np.prod([sum(values[a] != values[b] for a, b in pairs) for values in (early, later)])
         assert agreement.tau == pytest.approx(sum(signs) / np.sqrt(untied))
+
+
+def test_without_a_correlation_the_sentence_has_the_pairs_alone(comparison: BudgetComparison) -> None:
+    last = comparison.agreements[-1]
+    unknown = replace(last, correlation=effect_correlation([]))
+    sentence = replace(comparison, agreements=(unknown,)).sentence()
+    assert sentence.endswith(f"20 million, {last.reversed_pairs} of {last.pairs} pairs change places.")
+    assert "correlation" not in sentence
+    assert "correlation" in comparison.sentence()
 
 
 def test_runs_of_a_single_budget_are_not_compared() -> None:

@@ -113,6 +113,17 @@ def test_a_body_that_few_teachers_have_has_a_leaderboard_of_its_own(tmp_path: Pa
     assert climber.title == "expert knowledge low, 2 million steps, Chipmunk 1, climbing_chimpanzee"
 
 
+def test_a_single_seed_shows_no_best_teacher(tmp_path: Path) -> None:
+    """A cell without spread between seeds has one known exactly, one with a single seed does not."""
+    (several,) = leaderboards(load(write(tmp_path / "two", dict.fromkeys(TEACHERS, 2))))
+    assert sum(several.best(FINAL).values()) == pytest.approx(1.0, abs=0.05)
+    (board,) = leaderboards(load(write(tmp_path / "one", dict.fromkeys(TEACHERS, 1))))
+    assert board.best(FINAL) == {}
+    assert board.answer().startswith("With a single seed in a cell no teacher can be called the best. ")
+    gaps = {str(entry.against.gaps[FINAL])[-15:] for entry in board.entries if entry.against}
+    assert gaps == {"[needs 2 seeds]"}
+
+
 def test_curves_against_the_steps_that_trained_end_where_these_do() -> None:
     charts = {
         str(comparison.cells["challenge"].iloc[0]): chart
