@@ -132,6 +132,25 @@ def test_no_rounded_return_crosses_the_threshold_of_mastery(threshold: float, tm
     assert after["episodic_return"][3] == np.float32(returns[3])
 
 
+@pytest.mark.parametrize(("probes", "kept"), [(9, 9), (20, 20), (21, 11), (81, 17)])
+def test_a_lean_release_has_at_most_twenty_probes_of_a_curriculum(
+    probes: int, kept: int, tmp_path: Path
+) -> None:
+    campaign = SyntheticCampaign(tmp_path / "root", steps=10 * (probes - 1), evaluation_every=10)
+    campaign.updates = probes - 1
+    run_id = campaign.run("random", 0)
+    before = load(tmp_path / "root").curriculum(run_id)
+    place = release(tmp_path / "root", "lean", tmp_path, contents=LEAN)
+    after = load(place).curriculum(run_id)
+    steps, (gap,) = sorted(after["step"].unique()), set(np.diff(sorted(after["step"].unique())))
+    assert (before["step"].nunique(), len(steps), steps[-1]) == (probes, kept, before["step"].max())
+    same = before[before["step"].isin(steps)].reset_index(drop=True)
+    assert after[["step", "sample"]].equals(same[["step", "sample"]])
+    np.testing.assert_allclose(np.stack(after["task"]), np.stack(same["task"]), rtol=2.0**-12)
+    assert gap % 10 == 0
+    assert verify(place).whole
+
+
 def test_a_second_shard_adds_what_is_new_and_changes_no_file(grown: Path, tmp_path: Path) -> None:
     root = tmp_path / "second"
     assert start_from(Store.open(root), Store.open(grown)) == 4

@@ -41,7 +41,8 @@ class CopyOptions:
         policies: True to copy final policies.
         hosts: True to keep host names in the table of attempts.
         runs: ids of the runs to copy, None for all.
-        rounded: True to round values to `SIGNIFICANT_BITS`, and weights of policies to float16.
+        reduced: True to round values to `SIGNIFICANT_BITS` and weights of policies to float16, and to keep at
+            most `MOST_PROBES` probes of a curriculum.
     """
 
     tables: tuple[Table, ...] = DATA_TABLES
@@ -49,7 +50,7 @@ class CopyOptions:
     policies: bool = True
     hosts: bool = True
     runs: frozenset[str] | None = None
-    rounded: bool = False
+    reduced: bool = False
 
 
 WHOLE: Final = CopyOptions()
@@ -59,13 +60,17 @@ LEAN: Final = CopyOptions(
     unfinished=False,
     policies=False,
     hosts=False,
-    rounded=True,
+    reduced=True,
 )
-"""Options of a small copy (10 kB per run): rounded, without episodes, teacher logs, policies and hosts."""
+"""Options of a small copy (10 to 50 kB per run), without episodes, teacher logs, policies and hosts."""
 
 SIGNIFICANT_BITS: Final = {Table.EVALUATIONS: ("episodic_return", 24), Table.CURRICULUM: ("task", 12)}
 """Rounded columns and their significant bits (relative errors of 6e-8 and 2.4e-4); further bits are noise,
 which does not compress."""
+
+MOST_PROBES: Final = 20
+"""Largest number of probes of a run in a reduced copy, evenly spaced up to the last one. Tasks of many
+dimensions would otherwise take most of its size."""
 
 
 def experiments_of(results: Results, run_ids: Collection[str] | None = None) -> dict[str, str]:
@@ -123,13 +128,22 @@ def pack(
     return [replace(manifest, files=tuple(slices[manifest.run.run_id])) for manifest in manifests]
 
 
-def _rows_of(results: Results, table: Table, run: RunRecord, rounded: bool) -> pa.Table:
+def _rows_of(results: Results, table: Table, run: RunRecord, reduced: bool) -> pa.Table:
     """Return the rows of one run, or raise a DamagedFileError if any are unreadable."""
     before = len(results.problems)
     rows = results.table(table, [run.run_id])
     if len(results.problems) > before:
         raise DamagedFileError(f"nothing was merged: {results.problems[before]}")
-    return _rounded(rows, table, run) if rounded and table in SIGNIFICANT_BITS else rows
+    if not reduced or table not in SIGNIFICANT_BITS:
+        return rows
+    return _rounded(_thinned(rows) if table is Table.CURRICULUM else rows, table, run)
+
+
+def _thinned(probes: pa.Table) -> pa.Table:
+    """Return the rows of every k-th probe of a run up to its last one, with the smallest k that suffices."""
+    steps = np.unique(probes["step"].to_numpy())
+    every = -(-len(steps) // MOST_PROBES) or 1
+    return probes.filter(pc.is_in(probes["step"], pa.array(steps[::-1][::every])))
 
 
 def _rounded(rows: pa.Table, table: Table, run: RunRecord) -> pa.Table:
@@ -162,7 +176,7 @@ def _pack_table(
     def parts() -> Iterator[pa.Table]:
         for manifest in manifests:
             tick()
-            rows = _rows_of(results, table, manifest.run, options.rounded)
+            rows = _rows_of(results, table, manifest.run, options.reduced)
             counts[manifest.run.run_id] = len(rows)
             yield rows
 
@@ -174,7 +188,7 @@ def _pack_table(
     for manifest in manifests:
         tick()
         run_id = manifest.run.run_id
-        expected = _rows_of(results, table, manifest.run, options.rounded)
+        expected = _rows_of(results, table, manifest.run, options.reduced)
         count, names = counts[run_id], SCHEMAS[table].names
         rows = decode_rows(table, stored, first, count, names) if count else expected
         if not same_rows(table, rows, expected):
@@ -305,7 +319,7 @@ def copy_extras(
         chosen = PurePosixPath(path).parts[1] in ids
         if chosen and path.endswith(POLICY_FILES):
             data = results.store.read_bytes(path)
-            weights = options.rounded and path.endswith(".safetensors")
+            weights = options.reduced and path.endswith(".safetensors")
             target.write_bytes(path, _halved(data) if weights else data)
         elif chosen or options.runs is None:
             left_out.append(path)
