@@ -99,8 +99,9 @@ class Prediction(NamedTuple):
 
 def of_space(runs: pd.DataFrame, name: str) -> pd.DataFrame:
     """Return the runs of a space."""
-    key = dict(zip(("environment", "challenge", "embodiment"), SPACES[name], strict=True))
-    return runs[runs[list(key)].eq(key).all(axis=1)]
+    environment, challenge, body = SPACES[name]
+    mask = (runs["environment"] == environment) & (runs["challenge"] == challenge)
+    return runs[mask & (runs["embodiment"] == body)]
 
 
 def effects(runs: Runs, spaces: Sequence[str], measure: str, budget: int) -> pd.DataFrame:

@@ -157,7 +157,7 @@ class RootSource:
         present = frames.cells[["environment", "challenge"]].drop_duplicates()
         self._present = set(present.itertuples(index=False, name=None))
         taught = frames.cells.groupby("environment", observed=True)["teacher"].unique()
-        self._released = {name: _released_settings(set(teachers)) for name, teachers in taught.items()}
+        self._released = {str(name): _released_settings(set(teachers)) for name, teachers in taught.items()}
         tables = {name: self._pooled(name) for name in sorted(set(present["environment"]))}
         self._conditions, note = _chosen_conditions({n: t for n, t in tables.items() if len(t)})
         self.note = " ".join(filter(None, (note, *_settings_notes(self._released))))

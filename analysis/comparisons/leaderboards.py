@@ -381,6 +381,6 @@ def _titled_blocks(runs: pd.DataFrame, measure: str) -> Iterator[tuple[Mapping[s
         yield where, ", ".join(dict.fromkeys(words)), part
 
 
-def _key(row: Mapping[str, Any]) -> tuple[str, ...]:
+def _key(row: Mapping[Any, Any]) -> tuple[str, ...]:
     """Return the values of `BLOCK_COLUMNS` as text, in which missing values are equal."""
     return tuple(str(row[name]) for name in BLOCK_COLUMNS)
