@@ -131,9 +131,9 @@ def pool_runs(
 ) -> pd.DataFrame:
     """Return one row per run of each pool, with its measures.
 
-    Embodiments and students that `matrices` list for a challenge are pooled, except for those with fewer than
-    half as many teachers as another, which form a pool of their own. Another student is pooled over the same
-    embodiments, and another embodiment over the same students. The shipped test sets of a challenge,
+    Embodiments and students that `matrices` list for a challenge are pooled, except for a few with under half
+    as many teachers of the core as another, which form a pool of their own. Another student is pooled over
+    the same embodiments, and another embodiment over the same students. The shipped test sets of a challenge,
     one per type of embodiment, count as one, unless an embodiment is tested on several of them. Runs that
     have not begun are counted with those that have, if the latter agree on their settings.
 
@@ -297,15 +297,18 @@ LEAST_TEACHERS = 0.5
 def _rare_parts(cells: pd.DataFrame) -> dict[tuple[str, str, str], frozenset[str]]:
     """Return the labels of parts with few teachers, by engine, environment and challenge.
 
-    One body that only some teachers have would leave the pools of all others incomplete.
+    One body that only some teachers have would leave the pools of all others incomplete. Most parts of a
+    challenge are never rare, and teachers outside of the core do not count.
     """
     keys = ["engine", "environment", "challenge"]
-    counts = cells.groupby([*keys, *PARTS], observed=True)["teacher"].nunique().reset_index()
+    core = cells[cells["core"].astype(bool)] if "core" in cells and cells["core"].any() else cells
+    counts = core.groupby([*keys, *PARTS], observed=True)["teacher"].nunique().reset_index()
     most = counts.groupby(keys)["teacher"].transform("max")
-    rare = counts[counts["teacher"] < LEAST_TEACHERS * most]
+    counts["rare"] = counts["teacher"] < LEAST_TEACHERS * most
+    few = counts.groupby(keys)["rare"].transform("mean") < 0.5
     return {
         (str(engine), str(environment), str(challenge)): frozenset(map(_label, *(rows[p] for p in PARTS)))
-        for (engine, environment, challenge), rows in rare.groupby(keys)
+        for (engine, environment, challenge), rows in counts[counts["rare"] & few].groupby(keys)
     }
 
 

@@ -104,6 +104,18 @@ def test_a_body_with_under_half_of_the_teachers_is_a_pool_of_its_own() -> None:
     assert set(table["variant"]) - set(climbing["variant"]) == {"classic_bipedal, fish"}
 
 
+def test_teachers_on_one_body_alone_and_newcomers_split_no_pool() -> None:
+    whole = [row for name in ("random", "adr") for row in parkour(name, THREE_BODIES)]
+    others = ("alp_gmm", "riac", "spdl", "sfl")
+    fish = [row for name in others for row in parkour(name, {"fish": [5, 6]})]
+    assert set(pool(*whole, *fish)["pool"]) == {PARKOUR_POOL}
+    two = {body: THREE_BODIES[body] for body in ("classic_bipedal", "fish")}
+    more = [row for name in others for row in parkour(name, two)]
+    assert len(set(pool(*whole, *more)["pool"])) == 2
+    newcomers = [row | {"core": False} for row in more]
+    assert set(pool(*(row | {"core": True} for row in whole), *newcomers)["pool"]) == {PARKOUR_POOL}
+
+
 def test_what_a_body_of_a_pool_lacks_is_named_there_alone() -> None:
     per_body = pooled(pool(*diverse(*DIVERSE[:3])), by=["embodiment"]).set_index("embodiment")
     assert per_body["missing"].to_dict() == {"short_bipedal": "", "spider": "no results of spider/ppo"}
