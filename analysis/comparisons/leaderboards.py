@@ -115,7 +115,7 @@ class Leaderboard:
             return ""
         leaders = {axis: self.best(axis) for axis in AXES}
         texts = {axis: self._named(chances) for axis, chances in leaders.items()}
-        if not leaders[FINAL]:
+        if not all(leaders.values()):
             first = "With a single seed in a cell no teacher can be called the best"
         elif leaders[HEADLINE].keys() == leaders[FINAL].keys():
             first = f"The best teacher, sooner and in the end, is {texts[FINAL]}"
