@@ -114,10 +114,10 @@ def variant(engine: str, environment: str, challenge: str, pool: str, test_sets:
     students = {student for _, student in parts}
     matrices = [matrix for matrix in MATRICES if (matrix.environment, matrix.challenge) == key]
     words = [f"{name}={value}" for name, value in settings.items()]
-    if bodies != {body for matrix in matrices for body in matrix.embodiments} and matrices:
-        words.append(", ".join(sorted(bodies)))
     if engine == SIMULATED:
         return BETWEEN_PHRASES.join([*words, "simulated students"])
+    if bodies != {body for matrix in matrices for body in matrix.embodiments} and matrices:
+        words.append(", ".join(sorted(bodies)))
     if students != ({student for matrix in matrices for student in matrix.students} or {"sac"}):
         words.append(", ".join(sorted(students)))
     shipped = shipped_together([key[0]]).get((engine, *key), ())
