@@ -133,7 +133,12 @@ def drawings(measurements: Measurements) -> Iterator[Drawing]:
 
 def _file_name(comparison: TeacherComparison, columns: Sequence[str]) -> str:
     first = comparison.cells.iloc[0]
-    return "-".join(re.sub(r"\W+", "_", str(first[column])) for column in columns if first[column])
+    return _joined(*(first[column] for column in columns if first[column]))
+
+
+def _joined(*names: str) -> str:
+    """Return names as a file name without punctuation, which some file systems do not allow."""
+    return "-".join(re.sub(r"\W+", "_", name) for name in names)
 
 
 def _drawn(entry: PaperChart) -> Figure | bytes:
@@ -153,7 +158,7 @@ def _under_conditions(frames: Frames, final: pd.DataFrame, early: pd.DataFrame) 
     drawn = partial(_curves, budget // STARS)
     for number, (_, runs) in enumerate(along.groupby(COMPARED, dropna=False, sort=True), start=1):
         environment, challenge, level = runs[CHALLENGE_LEVEL].iloc[0]
-        suffix = f"{number:02}-{environment}-{challenge}-{level}"
+        suffix = _joined(f"{number:02}", environment, challenge, level)
         several = any(PLUS in pool for pool in runs["pool"])
         panels = partial(
             body_panels if several else _panel, runs, ceiling=ceiling_percent(frames, environment)
@@ -162,7 +167,7 @@ def _under_conditions(frames: Frames, final: pd.DataFrame, early: pd.DataFrame) 
         yield Drawing(f"pairs-{suffix}", partial(_pairs, runs))
     for teacher, runs in along[along["environment"] == "stump_tracks"].groupby("teacher"):
         if runs["expert_knowledge"].nunique() > 1 and not is_baseline(str(teacher)):
-            yield Drawing(f"knowledge-{teacher}", partial(drawn, partial(knowledge_panels, runs)))
+            yield Drawing(_joined("knowledge", str(teacher)), partial(drawn, partial(knowledge_panels, runs)))
 
 
 def _ranks(frames: Frames) -> Figure:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+from synthetic_pools import cells, pool
 from synthetic_results import BOX2D_RUN, SyntheticCampaign
 from views import printed
 
@@ -103,6 +104,24 @@ def test_figures_have_a_set_for_each(frames: Frames) -> None:
     names = [drawing.name for drawing in drawings(Measurements(frames))]
     assert len(set(names)) == len(names)
     assert sum(name.endswith("radar") for name in names) == 2
+
+
+def test_tags_have_only_the_phrases_that_differ() -> None:
+    alike = {"student": "ppo", "test_set": "stump_tracks:every=2"}
+    runs = pool(
+        *cells({"random": (1, 2), "riac": (3, 4)}, **alike),
+        *cells({"random": (1, 2)}, embodiment="spider", **alike),
+    )
+    assert [tag for tag, _ in by_conditions(runs)] == ["", "spider"]
+
+
+def test_file_names_of_figures_have_no_punctuation(tmp_path: Path) -> None:
+    campaign = SyntheticCampaign(tmp_path)
+    for level in ("none", "low"):
+        campaign.seeds("goal_gan:preset=release", (4, 5), level=level)
+    names = [drawing.name for drawing in drawings(Measurements(load(tmp_path)))]
+    assert "knowledge-goal_gan_preset_release" in names
+    assert [name for name in names if not re.fullmatch(r"[\w-]+", name)] == []
 
 
 def test_claims_never_mix_conditions(frames: Frames) -> None:
