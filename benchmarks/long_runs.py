@@ -16,12 +16,12 @@ from typing import NamedTuple, TypeAlias
 
 import pandas as pd
 from lite import plan
-from scipy import stats
 
 import analysis
-from analysis.comparisons.budgets import BUDGETS, EffectCorrelation, effect_correlation
+from analysis.comparisons.budgets import BUDGETS, BudgetAgreement, agreements, by_run
 from analysis.comparisons.pairwise import corrected, pairwise
 from analysis.comparisons.ranks import Rank, ranks
+from analysis.data.columns import STRATA
 from analysis.data.frames import Frames
 from analysis.data.reference import BASELINE
 from analysis.formatting import interval_text, number, steps_text
@@ -104,45 +104,19 @@ def of_space(runs: pd.DataFrame, name: str) -> pd.DataFrame:
     return runs[mask & (runs["embodiment"] == body)]
 
 
-def effects(runs: Runs, spaces: Sequence[str], measure: str, budget: int) -> pd.DataFrame:
-    """Return the values of `HEADLINE` at the early budget, first, and of a measure at another, last, by run.
-
-    The index has space, teacher and run id.
-    """
-    parts = []
-    for name in spaces:
-        columns = [
-            of_space(runs[steps], name).set_index(["teacher", "run_id"])[column].rename(title)
-            for title, (steps, column) in {"first": (EARLY, HEADLINE), "last": (budget, measure)}.items()
-        ]
-        parts.append(pd.concat(columns, axis=1, join="inner").dropna())
-    return pd.concat(parts, keys=spaces, names=["space"])
-
-
-def agreement(table: pd.DataFrame) -> EffectCorrelation:
-    """Return the correlation between the true effects behind both columns of a result of `effects`."""
-    return effect_correlation(
-        [
-            {name: rows.to_numpy(float) for name, rows in space.groupby("teacher")}
-            for _, space in table.groupby("space")
-        ]
-    )
-
-
-def shown(estimate: EffectCorrelation) -> str:
-    """Return a correlation with its interval as text."""
-    ends = f"[{number(estimate.low, 2)}, {number(estimate.high, 2)}]"
-    return f"{number(estimate.value, 2)} {estimate.reason or ends}"
+def over_spaces(runs: Runs, spaces: Sequence[str]) -> dict[tuple[str, int], BudgetAgreement]:
+    """Return the agreements of the early budget by measure and later budget, over spaces of equal weight."""
+    table = by_run(pd.concat(of_space(rows, name) for rows in runs.values() for name in spaces))
+    means = table.groupby([*STRATA, "teacher"]).mean().groupby("teacher").mean()
+    return {(found.measure, found.budget): found for found in agreements(table, means)}
 
 
 def agrees_at_most(runs: Runs, budget: int) -> Verdict:
     """Judge whether the order at the early budget agrees with a later one by `MOST` or less."""
-    found = agreement(effects(runs, COMPARED, FINAL, budget))
-    standing = Standing.UNDECIDED
-    if not found.reason:
-        standing = Standing.SUPPORTED if found.high <= MOST else standing
-        standing = Standing.REFUTED if found.low > MOST else standing
-    return Verdict(standing, f"correlation {shown(found)}")
+    found = over_spaces(runs, COMPARED)[FINAL, budget]
+    low, high = found.correlation.low, found.correlation.high
+    standing = Standing.SUPPORTED if high <= MOST else Standing.UNDECIDED
+    return Verdict(Standing.REFUTED if low > MOST else standing, f"correlation {found}")
 
 
 def rank_of_random(runs: Runs, space: str, budget: int) -> Rank:
@@ -245,43 +219,41 @@ def done(needed: pd.DataFrame, finished: Collection[str]) -> pd.DataFrame:
     return pd.DataFrame(counts, index=["done", "needed"]).T
 
 
-def predictions(runs: Runs, counts: pd.DataFrame) -> pd.DataFrame:
-    """Return the standing of each prediction; those that lack runs have no data.
+def lacking(counts: pd.DataFrame, spaces: Sequence[str]) -> str:
+    """Return the reason why spaces are not judged, or an empty string if all of their runs are done.
 
     Args:
-        runs: runs at all of `BUDGETS`.
         counts: result of `done`.
+        spaces: names of the spaces.
     """
+    have, need = counts.loc[list(spaces)].sum()
+    return f"{have} of {need} runs are done" if have < need else ""
+
+
+def predictions(runs: Runs, counts: pd.DataFrame) -> pd.DataFrame:
+    """Return the standing of each prediction; those that lack runs have no data."""
     rows = []
     for prediction in PREDICTIONS:
-        have, need = counts.loc[list(prediction.spaces)].sum()
-        verdict = Verdict(Standing.NO_DATA, f"{have} of {need} runs are done")
-        if have >= need:
-            verdict = prediction.judge(runs)
+        reason = lacking(counts, prediction.spaces)
+        verdict = Verdict(Standing.NO_DATA, reason) if reason else prediction.judge(runs)
         rows.append((prediction.number, str(verdict.standing), verdict.evidence))
     return pd.DataFrame(rows, columns=["prediction", "standing", "evidence"])
 
 
-def agreements(runs: Runs, counts: pd.DataFrame) -> pd.DataFrame:
+def agreement(runs: Runs, counts: pd.DataFrame) -> pd.DataFrame:
     """Return the agreement of `HEADLINE` at the early budget with both measures at later ones.
 
     Sets of spaces that lack runs have no rows.
     """
     rows = []
-    for (name, spaces), budget in itertools.product(SETS.items(), BUDGETS[1:]):
-        have, need = counts.loc[list(spaces)].sum()
-        if have < need:
-            continue
-        cells = [name, steps_text(budget)]
-        for measure in (FINAL, HEADLINE):
-            table = effects(runs, spaces, measure, budget)
-            means = table.groupby(["space", "teacher"]).mean().groupby("teacher").mean()
-            first, last = means["first"].to_numpy(), means["last"].to_numpy()
-            pairs = list(itertools.combinations(range(len(means)), 2))
-            turned = sum((first[i] - first[j]) * (last[i] - last[j]) < 0 for i, j in pairs)
-            tau = stats.kendalltau(first, last).statistic
-            cells += [shown(agreement(table)), number(tau, 2), f"{turned} of {len(pairs)}"]
-        rows.append(cells)
+    for name, spaces in SETS.items():
+        found = {} if lacking(counts, spaces) else over_spaces(runs, spaces)
+        for budget in sorted({budget for _, budget in found}):
+            cells = [name, steps_text(budget)]
+            for later in (found[measure, budget] for measure in (FINAL, HEADLINE)):
+                turned = f"{later.reversed_pairs} of {later.pairs}"
+                cells += [str(later), number(later.tau, 2), turned]
+            rows.append(cells)
     measured = ("correlation", "tau", "pairs that change places")
     heads = [f"{words}, {name}" for words in ("last three", "area") for name in measured]
     return pd.DataFrame(rows, columns=["spaces", "later budget", *heads])
@@ -294,8 +266,7 @@ def decided(runs: Runs, counts: pd.DataFrame) -> pd.DataFrame:
     """
     rows = []
     for (name, spaces), measure in itertools.product([*SETS.items()][1:], (FINAL, HEADLINE)):
-        have, need = counts.loc[list(spaces)].sum()
-        if have >= need:
+        if not lacking(counts, spaces):
             found = ranks(pd.concat(of_space(runs[LAST], space) for space in spaces), measure=measure)
             pairs = sum(len(rank.better) for rank in found)
             beside = sum(BASELINE in (*rank.better, *rank.worse) for rank in found)
@@ -351,7 +322,7 @@ def main() -> int:
         "done": progress,
         "mastered": mastered(runs),
         "decided": decided(runs, counts),
-        "agreement": agreements(runs, counts),
+        "agreement": agreement(runs, counts),
         "predictions": predictions(runs, counts),
     }
     for name, table in tables.items():

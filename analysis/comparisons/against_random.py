@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from analysis.comparisons.pairwise import core_of, over_challenges
+from analysis.comparisons.pairwise import over_challenges
 from analysis.data.columns import ACROSS, CONDITIONS, STRATA
 from analysis.data.frames import Frames
-from analysis.data.reference import BASELINE, NO_BASELINE
+from analysis.data.reference import BASELINE, NO_BASELINE, core_of
 from analysis.formatting import few_seeds_suffix, interval_text, number
 from analysis.measures.pooling import condition_words, varying
 from analysis.measures.run_measures import NEARLY_ALL, Curves, trained_areas, trained_curves, trained_shares

@@ -133,8 +133,8 @@ class BudgetAgreement:
 
     def __str__(self) -> str:
         estimate = self.correlation
-        interval = f" [{number(estimate.low, 2)}, {number(estimate.high, 2)}]" if not estimate.reason else ""
-        return f"{number(estimate.value, 2)}{interval}"
+        ends = f"[{number(estimate.low, 2)}, {number(estimate.high, 2)}]"
+        return f"{number(estimate.value, 2)} {f'({estimate.reason})' if estimate.reason else ends}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,21 +192,37 @@ def compare_budgets(frames: Frames, runs: pd.DataFrame) -> BudgetComparison | No
     if len(budgets) < 2 or runs["teacher"].nunique() < 3:
         return None
     measured = evaluations_at(frames, budgets)[["run_id", "step", HEADLINE, FINAL]]
-    rows = runs[["run_id", "teacher", *STRATA]].merge(measured, on="run_id")
-    table = rows.pivot_table(index=["teacher", *STRATA, "run_id"], columns="step", values=[HEADLINE, FINAL])
-    table = table.dropna().rename_axis(columns=["measure", "budget"])
+    table = by_run(runs[["run_id", "teacher", *STRATA]].merge(measured, on="run_id"))
     strata = table.groupby([*STRATA, "teacher"]).mean().unstack("teacher")
     weights = stratum_weights(list(strata.index.to_frame()[CHALLENGE].itertuples(index=False, name=None)))
     shares = np.array(weights) / sum(weights)
     overall = pd.Series(shares @ strata.to_numpy(), strata.columns).unstack(["measure", "budget"])
     order = overall[FINAL, budgets[-1]].sort_values(ascending=False, kind="stable").index
-    return BudgetComparison(overall.loc[order], tuple(_agreements(table, overall, budgets)))
+    return BudgetComparison(overall.loc[order], tuple(agreements(table, overall)))
 
 
-def _agreements(
-    table: pd.DataFrame, means: pd.DataFrame, budgets: Sequence[int]
-) -> Iterator[BudgetAgreement]:
+def by_run(rows: pd.DataFrame) -> pd.DataFrame:
+    """Return the results of runs measured at all budgets, indexed by teacher, `STRATA` and run_id.
+
+    Args:
+        rows: those columns, step (a budget), `HEADLINE` and `FINAL`.
+
+    Returns:
+        A column per measure and budget.
+    """
+    table = rows.pivot_table(index=["teacher", *STRATA, "run_id"], columns="step", values=[HEADLINE, FINAL])
+    return table.dropna().rename_axis(columns=["measure", "budget"])
+
+
+def agreements(table: pd.DataFrame, means: pd.DataFrame) -> Iterator[BudgetAgreement]:
+    """Yield the agreements of the earliest budget with all later ones, for `HEADLINE` and for `FINAL`.
+
+    Args:
+        table: result of `by_run`.
+        means: means over strata, a row per teacher; columns as in `table`.
+    """
     columns: list[Any] = list(table.columns)
+    budgets = sorted({budget for _, budget in columns})
     spaces = [
         {teacher: space.to_numpy()[rows] for teacher, rows in space.groupby("teacher").indices.items()}
         for _, space in table.groupby(STRATA)

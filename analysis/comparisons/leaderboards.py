@@ -305,14 +305,14 @@ def overall(runs: pd.DataFrame, measure: str = HEADLINE) -> pd.DataFrame:
 
     Returns:
         `ACROSS`, block (number of the set of challenges), challenges (their number), of (number of all),
-        teacher, n, and with their 95 % intervals mean, low_mean, high_mean: mean over challenges of equal
-        weight; better, low_better, high_better: probability that a run is better than one of Random on the
-        same challenge (Agarwal et al., 2021); final: the same mean of the last three evaluations; worst:
-        result of the worst run, the mean over challenges; over_25, over_50, over_75: share of runs above that
-        percentage.
+        place (title of the block), teacher, n, and with their 95 % intervals mean, low_mean, high_mean: mean
+        over challenges of equal weight; better, low_better, high_better: probability that a run is better
+        than one of Random on the same challenge (Agarwal et al., 2021); final: the same mean of the last
+        three evaluations; worst: result of the worst run, the mean over challenges; over_25, over_50,
+        over_75: share of runs above that percentage.
     """
     by, tables = [*ACROSS, "teacher"], []
-    for where, part in _blocks(runs, measure):
+    for where, place, part in _titled_blocks(runs, measure):
         means = stratified_means(part, measure)[[*by, "n", "difference", "low", "high"]]
         chances = improvements(part, measure, BASELINE, ACROSS, STRATA)
         chances = chances[[*ACROSS, "first", "value", "low", "high"]]
@@ -332,9 +332,10 @@ def overall(runs: pd.DataFrame, measure: str = HEADLINE) -> pd.DataFrame:
             table = table.merge(columns, on=by, how="left")
         order = [*[True] * len(ACROSS), False]
         table = table.sort_values([*ACROSS, "mean"], ascending=order, ignore_index=True)
-        tables.append(table.assign(**{name: where[name] for name in ("block", "challenges", "of")}))
+        block = {name: where[name] for name in ("block", "challenges", "of")}
+        tables.append(table.assign(**block, place=place))
     table = pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
-    return table.reindex(columns=list(dict.fromkeys([*BLOCK_COLUMNS, "teacher", *table])))
+    return table.reindex(columns=list(dict.fromkeys([*BLOCK_COLUMNS, "place", "teacher", *table])))
 
 
 def overall_rows(runs: pd.DataFrame, measure: str = HEADLINE) -> list[dict[str, Any]]:
@@ -344,14 +345,14 @@ def overall_rows(runs: pd.DataFrame, measure: str = HEADLINE) -> list[dict[str, 
         block, place, name (of the teacher), n, mean and better (with intervals), final, worst, over (shares
         of runs above `THRESHOLDS`).
     """
-    rows, places = [], {_key(where): title for where, title, _ in _titled_blocks(runs, measure)}
+    rows = []
     for row in overall(runs, measure).to_dict("records"):
         name = str(row["teacher"])
         better = estimate(row["better"], row["low_better"], row["high_better"], 2)
         rows.append(
             {
                 "block": row["block"],
-                "place": places[_key(row)],
+                "place": row["place"],
                 "name": name,
                 "n": row["n"],
                 "mean": estimate(row["mean"], row["low_mean"], row["high_mean"], 1),
@@ -379,8 +380,3 @@ def _titled_blocks(runs: pd.DataFrame, measure: str) -> Iterator[tuple[Mapping[s
         if where["challenges"] < where["of"]:
             words.append(f"{where['challenges']} of {where['of']} challenges")
         yield where, ", ".join(dict.fromkeys(words)), part
-
-
-def _key(row: Mapping[Any, Any]) -> tuple[str, ...]:
-    """Return the values of `BLOCK_COLUMNS` as text, in which missing values are equal."""
-    return tuple(str(row[name]) for name in BLOCK_COLUMNS)

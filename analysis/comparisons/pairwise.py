@@ -24,7 +24,14 @@ from analysis.data.columns import (
     STRATA,
 )
 from analysis.data.frames import check_columns, check_measure
-from analysis.data.reference import BASELINE, NO_BASELINE, baseline_rows, baseline_runs, is_baseline
+from analysis.data.reference import (
+    BASELINE,
+    NO_BASELINE,
+    baseline_rows,
+    baseline_runs,
+    core_of,
+    is_baseline,
+)
 from analysis.measures.tested import Seeds, compared, compared_over_strata, seeds_to_pair
 from analysis.statistics import (
     Comparison,
@@ -139,12 +146,6 @@ def over_challenges(
 ) -> pd.DataFrame:
     """Return the tests between teachers over all challenges that both have results on, weighted equally."""
     return pairwise(runs, measure, reference, ACROSS, strata=STRATA, detectable=False)
-
-
-def core_of(runs: pd.DataFrame) -> frozenset[str]:
-    """Return the core teachers among the runs of a comparison, or all teachers if there is no core."""
-    core = runs["core"].to_numpy(bool) if "core" in runs else np.zeros(len(runs), bool)
-    return frozenset(map(str, runs["teacher"][core if core.any() else ~core]))
 
 
 def from_both_sides(tests: pd.DataFrame) -> pd.DataFrame:

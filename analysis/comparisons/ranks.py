@@ -12,9 +12,9 @@ import numpy as np
 import pandas as pd
 
 from analysis.comparisons.aggregates import stratified_means
-from analysis.comparisons.pairwise import core_of, corrected, from_both_sides, over_challenges
+from analysis.comparisons.pairwise import corrected, from_both_sides, over_challenges
 from analysis.data.columns import ACROSS
-from analysis.data.reference import is_baseline
+from analysis.data.reference import core_of, is_baseline
 from analysis.formatting import few_seeds_suffix, listed, steps_text
 from analysis.measures.tested import AXES, HEADLINE
 from analysis.names import label

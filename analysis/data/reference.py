@@ -1,9 +1,10 @@
-"""References for comparisons: the baseline teacher Random, and published results."""
+"""References for comparisons: the baseline teacher Random, teachers of a core, and published results."""
 
 from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from tma_ray.benchmark import paper_results
@@ -23,6 +24,12 @@ def is_baseline(teacher: str) -> bool:
 def baseline_rows(rows: pd.DataFrame) -> pd.DataFrame:
     """Return the rows of Random."""
     return rows[rows["teacher"].isin(list(filter(is_baseline, rows["teacher"].unique())))]
+
+
+def core_of(runs: pd.DataFrame) -> frozenset[str]:
+    """Return the core teachers among the runs of a comparison, or all teachers if there is no core."""
+    core = runs["core"].to_numpy(bool) if "core" in runs else np.zeros(len(runs), bool)
+    return frozenset(map(str, runs["teacher"][core if core.any() else ~core]))
 
 
 def baseline_runs(

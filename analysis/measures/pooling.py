@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from analysis.data.columns import COMPARED, CONDITIONS, PARTS, POOLED, SETTINGS
 from analysis.data.frames import STATUSES, Frames, check_measure, computed_once, with_plain_texts
 from analysis.data.naming import of_searches
-from analysis.data.reference import baseline_runs
+from analysis.data.reference import baseline_runs, core_of
 from analysis.formatting import steps_text
 from analysis.measures.run_measures import NOT_FINITE, run_measures
 from analysis.statistics import describe
@@ -302,16 +302,14 @@ def _rare_parts(cells: pd.DataFrame) -> dict[tuple[str, str, str], frozenset[str
     One body that only some teachers have would leave the pools of all others incomplete. Most parts of a
     challenge are never rare, and teachers outside of the core do not count.
     """
-    keys = ["engine", "environment", "challenge"]
-    core = cells[cells["core"].astype(bool)] if "core" in cells and cells["core"].any() else cells
-    counts = core.groupby([*keys, *PARTS], observed=True)["teacher"].nunique().reset_index()
-    most = counts.groupby(keys)["teacher"].transform("max")
-    counts["rare"] = counts["teacher"] < LEAST_TEACHERS * most
-    few = counts.groupby(keys)["rare"].transform("mean") < 0.5
-    return {
-        (str(engine), str(environment), str(challenge)): frozenset(map(_label, *(rows[p] for p in PARTS)))
-        for (engine, environment, challenge), rows in counts[counts["rare"] & few].groupby(keys)
-    }
+    rare = {}
+    for key, rows in cells.groupby(["engine", "environment", "challenge"], observed=True):
+        core = rows[rows["teacher"].isin(core_of(rows))]
+        teachers = core.groupby(PARTS, observed=True)["teacher"].nunique()
+        few = teachers[teachers < LEAST_TEACHERS * teachers.max()]
+        if 2 * len(few) < len(teachers):
+            rare[key] = frozenset(itertools.starmap(_label, few.index))
+    return rare
 
 
 def _test_sets(cells: pd.DataFrame) -> pd.Series:

@@ -66,7 +66,7 @@ def test_nothing_is_judged_before_all_of_its_runs_are_done() -> None:
     table = long_runs.predictions(results(), counts)
     assert set(table["standing"]) == {Standing.NO_DATA}
     assert table["evidence"].tolist()[5] == "29 of 60 runs are done"
-    assert long_runs.agreements(results(), counts).empty
+    assert long_runs.agreement(results(), counts).empty
 
 
 @pytest.mark.parametrize(
@@ -77,7 +77,7 @@ def test_an_order_that_is_kept_refutes_and_one_that_turns_supports(sign: int, ex
         return 50.0 + sign * plain(space, teacher, budget)
 
     assert standings(first=first)[:3] == [expected] * 3
-    table = long_runs.agreements(results(first=first), ALL)
+    table = long_runs.agreement(results(first=first), ALL)
     assert len(table) == 9
     turned = "0 of 45" if sign > 0 else "45 of 45"
     assert set(table["last three, pairs that change places"]) == {turned}
