@@ -39,7 +39,7 @@ from tma_ray.testing import find_simulated_challenge, simulate
 
 RAYLETS, PLACES = 4, 16
 
-PLAYERS = 8
+TRAINERS = 8
 """Number of processes that train students."""
 
 EPISODES = 60
@@ -86,7 +86,7 @@ class Student(Substitute):
     """Substitute for a `SeedActor` that runs in the process of a trainer."""
 
     def __init__(self, spec: dict[str, Any], store: Store, number: int, *_: Any) -> None:
-        trainer = self.players[Substitute.launched % len(self.players)]
+        trainer = self.trainers[Substitute.launched % len(self.trainers)]
         Substitute.launched += 1
         self.run = Method(trainer.run, spec, store, number)
         self.report = self.request_stop = Method(trainer.nothing)
@@ -147,8 +147,8 @@ def measure(count: int, root: str) -> dict[str, Any]:
         for _ in range(RAYLETS):
             cluster.add_node(num_cpus=PLACES, object_store_memory=100_000_000)
         head = connect(cluster.address).head
-        Substitute.players = [RemoteTrainer.options(num_cpus=1).remote() for _ in range(PLAYERS)]
-        ray.get([player.nothing.remote() for player in Substitute.players])
+        Substitute.trainers = [RemoteTrainer.options(num_cpus=1).remote() for _ in range(TRAINERS)]
+        ray.get([trainer.nothing.remote() for trainer in Substitute.trainers])
         driver = Driver(root, head)
         with (
             mock.patch.object(ray_executor, "SeedActor", Student),

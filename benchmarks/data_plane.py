@@ -1,10 +1,10 @@
-"""Time of an exchange between player and learner: by socket and shared memory, or by calls of Ray.
+"""Time of an exchange between rollout worker and learner: by socket and shared memory, or by calls of Ray.
 
     python benchmarks/data_plane.py
 
-A player sends an episode of SAC (300 steps of the classic bipedal) and receives weights (hidden layers of 400
-and 300 units). Both are processes of this machine, without learning. Prints the milliseconds until the
-weights arrive, and the learner's processor time.
+A rollout worker sends an episode of SAC (300 steps of the classic bipedal) and receives weights (hidden
+layers of 400 and 300 units). Both are processes of this machine, without learning. Prints the milliseconds
+until the weights arrive, and the learner's processor time.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ WARM_UP = 20
 
 
 def experience() -> tuple[Any, ...]:
-    """Return the experience of an episode of SAC, as sent by a player."""
+    """Return the experience of an episode of SAC, as sent by a rollout worker."""
     observations = np.zeros((STEPS + 1, OBSERVATION), np.float32)
     return observations, np.zeros((STEPS, ACTION), np.float32), np.zeros(STEPS, np.float32), True
 
@@ -79,7 +79,7 @@ class Learning:
 
 
 class Playing:
-    """Player without environment."""
+    """Rollout worker without environment."""
 
     def socket(self, learner: Learner, count: int) -> float:
         """Return the median time of an exchange over the socket, s."""
@@ -114,12 +114,12 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         connect(None)
         made: Any = ray.remote(num_cpus=0)
-        learner, player = made(Learning).remote(folder), made(Playing).remote()
+        learner, worker = made(Learning).remote(folder), made(Playing).remote()
         address = ray.get(learner.address.remote())
         assert Path(address.address).exists()
         measured: dict[str, Callable[[], Any]] = {
-            "socket and shared memory": lambda: player.socket.remote(address, count),
-            "Ray calls": lambda: player.calls.remote(learner, count),
+            "socket and shared memory": lambda: worker.socket.remote(address, count),
+            "Ray calls": lambda: worker.calls.remote(learner, count),
         }
         print("| | ms | ms of the learner's processor |\n| --- | --- | --- |")
         for name, measure in measured.items():

@@ -75,7 +75,7 @@ def cohort(settings: CohortSettings) -> Iterator[Learner]:
 
 
 class LocalExecutor:
-    """Executor with a new process for each attempt, alone or as players of one cohort; see `Executor`.
+    """Executor with a new process for each attempt, alone or as rollout workers of one cohort.
 
     A dead learner is replaced when the next attempt starts.
     """

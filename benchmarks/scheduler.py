@@ -32,13 +32,13 @@ from tma_ray.campaign.settings import ExecutionConfig, Resources, TeacherPlaceme
 from tma_ray.results import Committer, PartFile, RunWriter, Store
 from tma_ray.runs import Cell, RunSpec, Schedule, effective_spec
 
-PLAYERS = 2
+TRAINERS = 2
 SETTINGS = ExecutionConfig(
     resources=Resources(memory_gib=0.2), teachers=TeacherPlacement.INLINE, poll_seconds=0.1
 )
 
 
-class Player:
+class IdleTrainer:
     """Actor that executes runs without steps, one after the other."""
 
     def run(self, run_id: str, store: Store, number: int) -> tuple[PartFile, ...]:
@@ -49,11 +49,11 @@ class Player:
         """Do nothing."""
 
 
-RemotePlayer: Any = ray.remote(Player)
+RemoteIdleTrainer: Any = ray.remote(IdleTrainer)
 
 
 class Method:
-    """Method of a seed actor, forwarded to a `Player`."""
+    """Method of a seed actor, forwarded to an `IdleTrainer`."""
 
     def __init__(self, method: Any, *arguments: Any) -> None:
         self._method, self._arguments = method, arguments
@@ -66,14 +66,14 @@ class Method:
 class Substitute:
     """Substitute for a `SeedActor` without a process."""
 
-    players: list[Any] = []
+    trainers: list[Any] = []
     launched = 0
 
     def __init__(self, spec: dict[str, Any], store: Store, number: int, *_: Any) -> None:
-        player = self.players[Substitute.launched % len(self.players)]
+        trainer = self.trainers[Substitute.launched % len(self.trainers)]
         Substitute.launched += 1
-        self.run = Method(player.run, RunSpec.from_dict(spec).run_id, store, number)
-        self.report = self.request_stop = Method(player.nothing)
+        self.run = Method(trainer.run, RunSpec.from_dict(spec).run_id, store, number)
+        self.report = self.request_stop = Method(trainer.nothing)
 
     @classmethod
     def launch(cls, _resources: Resources, _avoid: Any, *arguments: Any) -> Substitute:
@@ -82,7 +82,7 @@ class Substitute:
 
 
 class RayWithoutDeath:
-    """Module `ray` with a `kill` that does nothing, since players are shared."""
+    """Module `ray` with a `kill` that does nothing, since trainers are shared."""
 
     def __getattr__(self, name: str) -> Any:
         return getattr(ray, name)
@@ -116,13 +116,13 @@ def execute(runs: list[RunSpec], root: str) -> dict[str, float]:
 
 def trivial(count: int) -> dict[str, Any]:
     """Return the overhead of `count` runs in shared processes, and of a second call that finds them done."""
-    Substitute.players = [RemotePlayer.options(num_cpus=0).remote() for _ in range(PLAYERS)]
+    Substitute.trainers = [RemoteIdleTrainer.options(num_cpus=0).remote() for _ in range(TRAINERS)]
     runs = specs(count, 1)
     with (
         tempfile.TemporaryDirectory() as root,
         mock.patch.object(ray_executor, "SeedActor", Substitute),
         mock.patch.object(ray_executor, "ray", RayWithoutDeath()),
-        mock.patch.object(ray_executor, "capacity", return_value=PLAYERS),
+        mock.patch.object(ray_executor, "capacity", return_value=TRAINERS),
     ):
         first = execute(runs, root)
         again = execute(runs, root)
@@ -133,7 +133,7 @@ def bare_actor_milliseconds(count: int) -> float:
     """Return the mean time to start, call and kill a Ray actor that does nothing, in ms."""
     start = time.perf_counter()
     for _ in range(count):
-        actor = RemotePlayer.options(num_cpus=1).remote()
+        actor = RemoteIdleTrainer.options(num_cpus=1).remote()
         ray.get(actor.nothing.remote())
         ray.kill(actor)
     return 1e3 * (time.perf_counter() - start) / count

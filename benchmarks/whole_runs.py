@@ -33,14 +33,14 @@ FIRST_STEPS = 2_000
 LONGER_THAN_MEASURED = 100_000_000
 """Budget and intervals of the runs, in environment steps, too long to be reached."""
 
-PLAYER = "acting", "environment", "collecting"
-"""Parts of a player's step; the last includes the exchange with the learner, without waiting for it."""
+WORKER = "acting", "environment", "collecting"
+"""Parts of a rollout worker's step; collecting includes the exchange with the learner, but no waiting."""
 
 LEARNER = "asking for updates", "requests", "deliveries", "waiting"
 """Parts of a learner's time."""
 
 PLAYED = 6_000
-"""Number of steps over which a player's parts are measured."""
+"""Number of steps over which a rollout worker's parts are measured."""
 
 
 def runs_of(student: str, count: int) -> list[RunSpec]:
@@ -130,26 +130,26 @@ def pool(student: str, count: int, width: int, device: str, seconds: float) -> d
         return meter.result()
 
 
-def player_parts(student: str, width: int, device: str) -> dict[str, float]:
-    """Return the processor times of the parts of a player's step, in µs."""
+def worker_parts(student: str, width: int, device: str) -> dict[str, float]:
+    """Return the processor times of the parts of a rollout worker's step, in µs."""
     (spec,) = runs_of(student, 1)
     environment = make_environment(spec.environment, **arguments(spec, "environment"))
     spaces = environment.observation_space, environment.action_space
-    spent = dict.fromkeys(PLAYER, 0)
+    spent = dict.fromkeys(WORKER, 0)
     with _placed(width, device) as placement:
         assert placement.learner is not None
         seed, values = np.random.SeedSequence(0), arguments(spec, "student")
-        player = make_rollout_worker(student, *spaces, seed, values, placement.learner)
+        worker = make_rollout_worker(student, *spaces, seed, values, placement.learner)
         observation, _ = environment.reset(seed=0)
         for _ in range(PLAYED):
             clock = [time.process_time_ns()]
-            action = player.act(observation)
+            action = worker.act(observation)
             clock.append(time.process_time_ns())
             following, reward, terminated, truncated, _ = environment.step(action)
             clock.append(time.process_time_ns())
-            player.observe(Transition(observation, action, float(reward), following, terminated, truncated))
+            worker.observe(Transition(observation, action, float(reward), following, terminated, truncated))
             clock.append(time.process_time_ns())
-            for part, before, after in zip(PLAYER, clock, clock[1:], strict=False):
+            for part, before, after in zip(WORKER, clock, clock[1:], strict=False):
                 spent[part] += after - before
             observation = environment.reset()[0] if terminated or truncated else following
     environment.close()
@@ -160,10 +160,14 @@ def compare(student: str, width: int, device: str, seconds: float) -> dict[str, 
     """Return the cost of a step alone (on a CPU) and in a full cohort, and its parts."""
     alone = pool(student, width, 0, "cpu", seconds)
     together = pool(student, width, width, device, seconds)
-    costs = {"alone, µs": alone["runs"], "players, µs": together["runs"], "learner, µs": together["learner"]}
+    costs = {
+        "alone, µs": alone["runs"],
+        "rollout workers, µs": together["runs"],
+        "learner, µs": together["learner"],
+    }
     ratio = alone["runs"] / (together["runs"] + together["learner"])
     shares = {part: together[part] for part in LEARNER}
-    parts = {f"{part}, µs": cost for part, cost in player_parts(student, width, device).items()}
+    parts = {f"{part}, µs": cost for part, cost in worker_parts(student, width, device).items()}
     return {"student": student, "width": width, **costs, "speed per core": ratio, **parts, **shares}
 
 

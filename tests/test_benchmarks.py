@@ -31,7 +31,7 @@ OTHERS = {
     "cluster_scale": ("--runs 4", "driver_kilobytes_per_run"),
     "cohort": (
         "--widths 2 --precisions highest --seconds 0.2 --whole 1 --students ppo --output o.json",
-        "| student | width | alone, µs | players, µs | learner, µs | speed per core |",
+        "| student | width | alone, µs | rollout workers, µs | learner, µs | speed per core |",
     ),
     "data_plane": ("--exchanges 5", "| Ray calls |"),
     "familywise_error": ("--experiments 1", "`lite-2`,`mastered_area`,arcsine,22,21,"),

@@ -66,4 +66,4 @@ class Torchless(Random):
 
     def observe(self, episode: Episode) -> None:
         if "torch" in sys.modules:
-            raise ImportError("torch is in the process of a player")
+            raise ImportError("torch is in the process of a rollout worker")

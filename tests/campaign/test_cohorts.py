@@ -23,16 +23,18 @@ from tma_ray.campaign.executors.cohorts import Cohorts, compilation, learner_res
 from tma_ray.campaign.executors.ray_executor import RayExecutor
 from tma_ray.campaign.options import parse_cohort
 from tma_ray.campaign.scheduler import Scheduler
-from tma_ray.campaign.settings import GIB, PLAYER, ExecutionConfig, Resources, TeacherPlacement
+from tma_ray.campaign.settings import GIB, ROLLOUT_WORKER, ExecutionConfig, Resources, TeacherPlacement
 from tma_ray.results import Committer, Store, Table
 from tma_ray.runs import Cell, Placement, run_locally
 
 WIDTH = 4
-SMALL = replace(PLAYER, memory_gib=0.3)
+SMALL = replace(ROLLOUT_WORKER, memory_gib=0.3)
 
 
 def in_cohort(what: Any, root: Path, **changes: Any) -> Any:
-    return execute(what, root, **{"resources": Resources(), "cohort": WIDTH, "player": SMALL, **changes})
+    return execute(
+        what, root, **{"resources": Resources(), "cohort": WIDTH, "rollout_worker": SMALL, **changes}
+    )
 
 
 def without_ray(what: Any, root: Path) -> dict[str, bytes]:
@@ -100,7 +102,9 @@ def test_a_stopped_cohort_leaves_checkpoints_and_continues(tmp_path: Path) -> No
     """Both runs leave one, the learner outlives them, and another one goes on with the same bits."""
     what, root = campaign(slowed(tmp_path), seeds=(0, 1)), tmp_path / "root"
     committer = Committer(Store.open(root))
-    chosen = settings(cohort=WIDTH, player=SMALL, resources=Resources(), teachers=TeacherPlacement.INLINE)
+    chosen = settings(
+        cohort=WIDTH, rollout_worker=SMALL, resources=Resources(), teachers=TeacherPlacement.INLINE
+    )
     checkpoints = root / "checkpoints"
     runs, head = what.plan().runs, connect(None).head
     executor = RayExecutor(committer.store, chosen, head, Cohorts(chosen, head, runs, stack_keys(runs)))
@@ -182,8 +186,8 @@ def test_the_width_follows_the_device_unless_it_is_given() -> None:
     assert widths == {"cpu": 0, "cuda": 48, "cuda:0": 48, "mps": 0}
     assert ExecutionConfig(shared, "cuda").width == 0
     assert ExecutionConfig(shared, "cuda", cohort=0).per_run == shared
-    assert ExecutionConfig(device="cuda").per_run == PLAYER
-    assert ExecutionConfig(device="cuda").placement.device == "cpu", "players act without torch"
+    assert ExecutionConfig(device="cuda").per_run == ROLLOUT_WORKER
+    assert ExecutionConfig(device="cuda").placement.device == "cpu", "rollout workers act without torch"
     assert [parse_cohort(text) for text in ("16", "off")] == [16, 0]
     for changes, message in (
         ({"device": "cuda", "cohort": 0}, "no GPU is reserved"),
@@ -195,7 +199,7 @@ def test_the_width_follows_the_device_unless_it_is_given() -> None:
             ExecutionConfig(**changes)
 
 
-def test_nodes_hold_full_cohorts_or_fewer_players() -> None:
+def test_nodes_hold_full_cohorts_or_fewer_workers() -> None:
     gpu, cpu = ExecutionConfig(device="cuda"), ExecutionConfig(cohort=4)
     shared = Resources(1.0, 1.0, 20.0)
     node = {"CPU": 16.0, "GPU": 1.0, "memory": 100.0 * GIB}

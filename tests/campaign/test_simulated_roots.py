@@ -198,8 +198,8 @@ def test_an_ended_simulation_continues(tmp_path: Path, sent: signal.Signals, cod
     command += ["--results", "sim"]
     with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as simulation:
         try:
-            player = _second_player(tmp_path, simulation)
-            os.kill(player if sent is signal.SIGKILL else simulation.pid, sent)
+            process = _second_process(tmp_path, simulation)
+            os.kill(process if sent is signal.SIGKILL else simulation.pid, sent)
             _, error = simulation.communicate(timeout=60)
         finally:
             simulation.kill()
@@ -210,11 +210,11 @@ def test_an_ended_simulation_continues(tmp_path: Path, sent: signal.Signals, cod
     assert len((tmp_path / "plays").read_text().split()) == 1 + 1 + 2
 
 
-def _second_player(folder: Path, simulation: subprocess.Popen[str]) -> int:
+def _second_process(folder: Path, simulation: subprocess.Popen[str]) -> int:
     """Wait until the first run is kept and the second begun; return the process that plays it."""
     while True:
         assert simulation.poll() is None
         time.sleep(0.05)
-        players = (folder / "plays").read_text().split("\n")[:-1] if (folder / "plays").exists() else []
-        if len(players) == 2 and played_runs(Results.open(folder / "sim")):
-            return int(players[1])
+        processes = (folder / "plays").read_text().split("\n")[:-1] if (folder / "plays").exists() else []
+        if len(processes) == 2 and played_runs(Results.open(folder / "sim")):
+            return int(processes[1])

@@ -88,12 +88,12 @@ def test_a_kind_of_run_that_fails_says_why() -> None:
 @pytest.mark.parametrize(
     ("learner", "cores", "hours", "bound"),
     [
-        (1_000.0, 5, 1.0, "bound by the learner; the players' cores would take 16% of that time"),
-        (16_000.0, 2, 0.625, "bound by the players' cores; the learner would take 10% of that time"),
+        (1_000.0, 5, 1.0, "bound by the learner; the rollout workers' cores would take 16% of that time"),
+        (16_000.0, 2, 0.625, "bound by the rollout workers' cores; the learner would take 10% of that time"),
     ],
 )
-def test_a_cohort_is_bound_by_its_learner_or_by_its_players_cores(monkeypatch, learner, cores, hours, bound):
-    """Four runs of 900,000 steps: 900 s each of a learner at 1,000 steps/s, 562.5 s each of a player's core.
+def test_a_cohort_is_bound_by_its_learner_or_by_its_workers_cores(monkeypatch, learner, cores, hours, bound):
+    """Four runs of 900,000 steps: 900 s each of a learner (1,000 steps/s), 562.5 s each of a worker's core.
 
     The core's seconds: 8 for the start, 450 of training, 104.5 for two evaluations of 100 tasks.
     """

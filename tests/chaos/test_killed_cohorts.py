@@ -1,4 +1,4 @@
-"""Cohorts whose learner, players, driver and node are killed, or whose learner is stopped."""
+"""Cohorts whose learner, rollout workers, driver and node are killed, or whose learner is stopped."""
 
 import os
 import signal
@@ -17,7 +17,7 @@ PATIENCE = "10"
 """Time that a learner may not answer, s; on a busy machine it is long in coming."""
 
 CORES = 2
-"""Of a node with room for a learner and its players."""
+"""Of a node with room for a learner and its rollout workers."""
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +50,7 @@ def start(site: Site) -> subprocess.Popen[bytes]:
     ],
 )
 def test_a_process_of_a_cohort_killed_or_stopped(clustered, nodes, roomy, compare, victim, number, lost):
-    """The learner costs all its runs some steps, also if it hangs; a player its own run only."""
+    """The learner costs all its runs some steps, also if it hangs; a rollout worker its own run only."""
     driver = start(clustered)
     os.kill(nodes.workers(victim)[0], number)
     fault = time.time()
@@ -61,7 +61,7 @@ def test_a_process_of_a_cohort_killed_or_stopped(clustered, nodes, roomy, compar
 
 
 def test_one_of_two_learners_nodes_is_killed(clustered: Site, nodes: Nodes, roomy: int, check: Check) -> None:
-    """Each node has a learner and the players beside it; the runs of the lost one go on at the other."""
+    """Each node has a learner and the rollout workers beside it; the lost runs go on at the other."""
     own = (roomy, nodes.add(CORES))
     driver = clustered.hold("--cohort", "2", "--seeds", "2")
     clustered.trained(runs=4)

@@ -1,4 +1,4 @@
-"""Players and a learner against students that learn alone."""
+"""Rollout workers and a learner against students that learn alone."""
 
 import copy
 import threading
@@ -23,7 +23,7 @@ from tma_ray.students.rollout_workers.link import SharedBuffer, buffer_size
 
 @contextmanager
 def serving(folder: Path, width: int = 3) -> Iterator[tuple[Learner, LearnerServer]]:
-    """Serve players in a thread of this process."""
+    """Serve rollout workers in a thread of this process."""
     folder.mkdir(exist_ok=True)
     learner, over = Learner(str(folder / "learner"), b"secret"), threading.Event()
     server = LearnerServer(learner, CohortSettings(width=width))
@@ -42,7 +42,7 @@ def learner(tmp_path: Path) -> Iterator[Learner]:
         yield learner
 
 
-def player_of(learner: Learner, name: str, seed: int = 0, **hyperparameters) -> RolloutWorker:
+def worker_of(learner: Learner, name: str, seed: int = 0, **hyperparameters) -> RolloutWorker:
     env, values = Drift(), {**SMALL[name], **hyperparameters}
     spaces = env.observation_space, env.action_space
     return make_rollout_worker(name, *spaces, np.random.SeedSequence(seed), values, learner)
@@ -65,14 +65,14 @@ VARIANTS = {"activation": "tanh", "separate_trunks": True}, {"averaged_steps": 1
 @pytest.mark.parametrize("hyper", [{}, *VARIANTS], ids=["default", "separate trunks", "average"])
 def test_ppo_learns_as_alone(learner, tmp_path, hyper):
     """Same worlds, same noise, same mini-batches: equal to rounding after several rollouts."""
-    alone, player = small_student("ppo", **hyper), player_of(learner, "ppo", **hyper)
-    acted = [actions_of(train(student, Drift(seed=5), 260)) for student in (alone, player)]
+    alone, worker = small_student("ppo", **hyper), worker_of(learner, "ppo", **hyper)
+    acted = [actions_of(train(student, Drift(seed=5), 260)) for student in (alone, worker)]
     np.testing.assert_allclose(*acted, rtol=1e-3, atol=1e-4)
-    expected, learned = weights(alone, tmp_path / "alone"), weights(player, tmp_path / "player")
+    expected, learned = weights(alone, tmp_path / "alone"), weights(worker, tmp_path / "worker")
     for name, values in expected.items():
         np.testing.assert_allclose(learned[name], values, rtol=1e-3, atol=1e-5)
-    np.testing.assert_allclose(player.state_values(STATES), alone.state_values(STATES), rtol=1e-3)
-    np.testing.assert_allclose(player.act_greedily(STATES), alone.act_greedily(STATES), rtol=1e-3, atol=1e-5)
+    np.testing.assert_allclose(worker.state_values(STATES), alone.state_values(STATES), rtol=1e-3)
+    np.testing.assert_allclose(worker.act_greedily(STATES), alone.act_greedily(STATES), rtol=1e-3, atol=1e-5)
 
 
 def test_sac_hands_over_what_it_sees(tmp_path):
@@ -81,8 +81,8 @@ def test_sac_hands_over_what_it_sees(tmp_path):
     alone = small_student("sac", **values)
     train_episodes(alone, range(16))
     with serving(tmp_path) as (learner, server):
-        player = player_of(learner, "sac", **values)
-        train_episodes(player, range(16))
+        worker = worker_of(learner, "sac", **values)
+        train_episodes(worker, range(16))
         (run,) = server._slots.values()
         kept, stacked = list(run.student.replay.pieces()), list(run.stack._replay.pieces(run.slot))
         updates = run.stack.networks(run.slot).number
@@ -98,8 +98,8 @@ def test_sac_hands_over_what_it_sees(tmp_path):
 @pytest.mark.parametrize(("name", "values"), [("ppo", {}), ("sac", {}), ("sac", {"log_std": "clamp"})])
 def test_actions_without_learning_are_those_of_act(learner, name, values):
     """With the same noise the same action, alone and in a cohort; several at once are close to one by one."""
-    alone, player = (make(name, **values) for make in (small_student, partial(player_of, learner)))
-    for student in (alone, player):
+    alone, worker = (make(name, **values) for make in (small_student, partial(worker_of, learner)))
+    for student in (alone, worker):
         train(student, Drift(seed=5, limit=10, ending=0.0), 130)
         sampled = student.sample_actions(STATES[:1], copy.deepcopy(student._exploration))
         together = student.sample_actions(STATES, np.random.default_rng(3))
@@ -113,20 +113,20 @@ def test_actions_without_learning_are_those_of_act(learner, name, values):
 @pytest.mark.parametrize(("name", "hyper"), [("sac", {}), *(("ppo", hyper) for hyper in ({}, *VARIANTS))])
 def test_a_run_moves_out_of_a_cohort_and_into_one(learner, tmp_path, name, hyper):
     """The files are those of the student that learns alone, each loads what the other saved, and goes on."""
-    player = player_of(learner, name, seed=3, **hyper)
+    worker = worker_of(learner, name, seed=3, **hyper)
     env = Drift(seed=9, limit=10, ending=0.0)
-    train(player, env, 130)
-    player.save(tmp_path)
+    train(worker, env, 130)
+    worker.save(tmp_path)
     alone = small_student(name, seed=3, **hyper)
     alone.load(tmp_path)
-    np.testing.assert_allclose(alone.act_greedily(STATES), player.act_greedily(STATES), rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(alone.act_greedily(STATES), worker.act_greedily(STATES), rtol=1e-5, atol=1e-6)
     second = tmp_path / "second"
     second.mkdir()
     alone.save(second)
-    again = player_of(learner, name, seed=3, **hyper)
+    again = worker_of(learner, name, seed=3, **hyper)
     again.load(second)
-    np.testing.assert_array_equal(again.act_greedily(STATES), player.act_greedily(STATES))
-    ends = [actions_of(train(each, Drift(seed=1, limit=10, ending=0.0), 120)) for each in (player, again)]
+    np.testing.assert_array_equal(again.act_greedily(STATES), worker.act_greedily(STATES))
+    ends = [actions_of(train(each, Drift(seed=1, limit=10, ending=0.0), 120)) for each in (worker, again)]
     np.testing.assert_array_equal(*ends)
 
 
@@ -136,13 +136,13 @@ def test_neighbours_change_no_bit(tmp_path, name):
     played = []
     for neighbours in (0, 2):
         with serving(tmp_path / str(neighbours)) as (learner, _):
-            others = [player_of(learner, name, seed=10 + k) for k in range(neighbours)]
+            others = [worker_of(learner, name, seed=10 + k) for k in range(neighbours)]
             for other in others:
                 train(other, Drift(seed=2), 60)
             if others:
                 others[0]._link.close()
-            player = player_of(learner, name)
-            played.append(actions_of(train(player, Drift(seed=5), 160)))
+            worker = worker_of(learner, name)
+            played.append(actions_of(train(worker, Drift(seed=5), 160)))
             for other in others[1:]:
                 train(other, Drift(seed=3), 60)
     np.testing.assert_array_equal(*played)
@@ -150,28 +150,28 @@ def test_neighbours_change_no_bit(tmp_path, name):
 
 @pytest.mark.parametrize("name", ["ppo", "sac"])
 def test_a_reset_gives_the_networks_of_the_student_alone(learner, tmp_path, name):
-    alone, player = small_student(name), player_of(learner, name)
-    for student in (alone, player):
+    alone, worker = small_student(name), worker_of(learner, name)
+    for student in (alone, worker):
         train(student, Drift(seed=5), 40)
         student.reset()
-    expected, learned = weights(alone, tmp_path / "alone"), weights(player, tmp_path / "player")
+    expected, learned = weights(alone, tmp_path / "alone"), weights(worker, tmp_path / "worker")
     if name == "ppo":  # of SAC the generator that initialises has also drawn the noise of updates alone
         for key, values in expected.items():
             np.testing.assert_allclose(learned[key], values, rtol=1e-6)
-    train(player, Drift(seed=6), 120)
+    train(worker, Drift(seed=6), 120)
 
 
 def test_a_full_cohort_refuses(tmp_path):
     with serving(tmp_path, width=1) as (learner, _):
-        first = player_of(learner, "ppo")
+        first = worker_of(learner, "ppo")
         with pytest.raises(LearnerError, match="all 1 slots"):
-            player_of(learner, "ppo", seed=1)
+            worker_of(learner, "ppo", seed=1)
         train(first, Drift(), 60)
 
 
 def test_without_a_learner(tmp_path):
     with pytest.raises(LearnerLostError, match="no learner listens"):
-        player_of(Learner(str(tmp_path / "nobody"), b""), "ppo")
+        worker_of(Learner(str(tmp_path / "nobody"), b""), "ppo")
 
 
 def test_students_without_a_stacked_learner_are_refused(learner):
@@ -202,8 +202,8 @@ def test_shared_memory_changes_no_bit(tmp_path, monkeypatch, name):
     for shared in (True, False):
         with monkeypatch.context() as patch, serving(tmp_path / str(shared)) as (learner, server):
             patch.setattr(link, "has_shared_memory", lambda shared=shared: shared)
-            player = player_of(learner, name)
-            played.append(actions_of(train(player, Drift(seed=5), 160)))
+            worker = worker_of(learner, name)
+            played.append(actions_of(train(worker, Drift(seed=5), 160)))
             assert len(server._buffers) == shared
     np.testing.assert_array_equal(*played)
 
@@ -221,25 +221,25 @@ def test_a_buffer_returns_what_was_posted_and_larger_ones_replace_it():
 
 
 def test_an_empty_stack_makes_room_for_one_of_another_kind(tmp_path):
-    """A player that leaves keeps its kind's memory for the next, until another kind needs some."""
+    """A rollout worker that leaves keeps its kind's memory for the next, until another kind needs some."""
     with serving(tmp_path) as (learner, server):
-        first = player_of(learner, "ppo")
+        first = worker_of(learner, "ppo")
         first._link.close()
-        again = player_of(learner, "ppo", seed=1)
+        again = worker_of(learner, "ppo", seed=1)
         (stack,) = server._pool.stacks
-        other = player_of(learner, "sac")
+        other = worker_of(learner, "sac")
         assert stack in server._pool.stacks
         again._link.close()
         train(other, Drift(), 60)
-        third = player_of(learner, "ppo", epochs=1)
+        third = worker_of(learner, "ppo", epochs=1)
         assert stack not in server._pool.stacks
         assert len(server._pool.stacks) == 2
         train(third, Drift(), 60)
 
 
 def test_a_checkpoint_holds_no_other_run_up(learner, tmp_path, monkeypatch):
-    """While one player waits for its files, another learns."""
-    first, second = player_of(learner, "ppo"), player_of(learner, "ppo", seed=1)
+    """While one rollout worker waits for its files, another learns."""
+    first, second = worker_of(learner, "ppo"), worker_of(learner, "ppo", seed=1)
     begun, let = threading.Event(), threading.Event()
     write = PPO.save
 
@@ -256,5 +256,5 @@ def test_a_checkpoint_holds_no_other_run_up(learner, tmp_path, monkeypatch):
     assert saving.is_alive()
     let.set()
     saving.join()
-    again = player_of(learner, "ppo", seed=1)
+    again = worker_of(learner, "ppo", seed=1)
     again.load(tmp_path)

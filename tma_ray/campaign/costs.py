@@ -283,7 +283,7 @@ RUN_BYTES = 600_000  # size on disk of a run's policy and nearly empty tables, b
 EVALUATION_BYTES, PROBE_BYTES, STEP_BYTES = 12, 8, 0.04
 """Size on disk of each test episode, each probed task and each training step, bytes."""
 
-PROCESS_BYTES, PLAYER_BYTES = 0.9 * GIB, 0.5 * GIB
+PROCESS_BYTES, WORKER_BYTES = 0.9 * GIB, 0.5 * GIB
 """Memory of a run with its teacher and of a run in a cohort, without replay buffers, bytes (measured)."""
 
 NETWORK_BYTES = 5e6  # size of a run's two checkpoints without a replay buffer, bytes (measured)
@@ -336,7 +336,7 @@ class Cost:
 
     def describe(self) -> str:
         """Describe the cost in a few lines."""
-        unit = "a player on a core" if self.bound else "each run"
+        unit = "a rollout worker on a core" if self.bound else "each run"
         speeds = [
             f"\n    {speed.label} {speed.training:,.0f}"
             + (f" (a full learner {speed.learner:,.0f})" if speed.learner else "")
@@ -398,7 +398,7 @@ def estimate(
     if config.width:
         learners, cores = _learners_and_cores(config, nodes, len(plan.runs))
         gpus = learners * float(config.device != "cpu")
-        times = {"learner": learner_hours / learners, "players' cores": hours / cores}
+        times = {"learner": learner_hours / learners, "rollout workers' cores": hours / cores}
         bound, wall_hours = max(times.items(), key=lambda part: part[1])
         core_hours, gpu_hours = hours + wall_hours * learners, wall_hours * gpus
         (other,) = times.keys() - {bound}
@@ -421,22 +421,22 @@ def estimate(
         at_once=at_once,
         disk_gib=disk / GIB,
         checkpoint_gib=at_once * (NETWORK_BYTES + BUFFER_SHARE * largest_buffer) / GIB,
-        memory_gib=at_once * ((PLAYER_BYTES if config.width else PROCESS_BYTES) + largest_buffer) / GIB,
+        memory_gib=at_once * ((WORKER_BYTES if config.width else PROCESS_BYTES) + largest_buffer) / GIB,
     )
 
 
 def _learners_and_cores(config: ExecutionConfig, nodes: Nodes, runs: int) -> tuple[int, float]:
     """Return the number of cohorts for `runs` runs on `nodes`, and of cores left for rollout workers."""
-    player = config.player.cpus
+    worker = config.rollout_worker.cpus
     learners, free = 0, 0.0
     for node in nodes.resources:
         cores = node.get("CPU", 0.0)
-        full = max(1, int(cores / (1 + config.width * player)))
+        full = max(1, int(cores / (1 + config.width * worker)))
         count = full if config.device == "cpu" else int(node.get("GPU", 0.0))
         if count and cores:
-            learners, free = learners + count, free + max(player, cores - count)
+            learners, free = learners + count, free + max(worker, cores - count)
     used = min(max(1, learners), math.ceil(runs / config.width))
-    return used, max(player, free * used / max(1, learners))
+    return used, max(worker, free * used / max(1, learners))
 
 
 def quote(

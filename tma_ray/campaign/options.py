@@ -13,7 +13,7 @@ from tma_ray.benchmark import Tier
 from tma_ray.campaign.plan import CampaignSpec
 from tma_ray.campaign.settings import (
     COHORT_WIDTH,
-    PLAYER,
+    ROLLOUT_WORKER,
     ExecutionConfig,
     Nodes,
     Resources,
@@ -365,7 +365,7 @@ class ExecutionOptions:
         resources = {name: number for name, number in options.items() if number is not None}
         return ExecutionConfig(
             resources=Resources(**resources, gpus=self.gpus_per_run),
-            player=replace(PLAYER, **resources),
+            rollout_worker=replace(ROLLOUT_WORKER, **resources),
             device=self.device,
             cohort=self.cohort,
             teachers=self.teacher_placement,
@@ -450,8 +450,8 @@ class TrialOptions(ExecutionOptions):
 
 
 EXECUTION_DEFAULTS = {
-    "--cpus-per-run": f"{Resources.cpus:g}, in a cohort {PLAYER.cpus:g}",
-    "--memory-per-run": f"{Resources.memory_gib:g}, in a cohort {PLAYER.memory_gib:g}",
+    "--cpus-per-run": f"{Resources.cpus:g}, in a cohort {ROLLOUT_WORKER.cpus:g}",
+    "--memory-per-run": f"{Resources.memory_gib:g}, in a cohort {ROLLOUT_WORKER.memory_gib:g}",
     "--cohort": f"{COHORT_WIDTH} with --device cuda, else {OFF}",
 }
 """Defaults of `ExecutionOptions` in help texts, by option."""

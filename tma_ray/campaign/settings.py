@@ -90,7 +90,7 @@ def this_machine() -> Nodes:
     return Nodes((resources,), "as on this machine")
 
 
-PLAYER = Resources(cpus=0.25, memory_gib=0.5)
+ROLLOUT_WORKER = Resources(cpus=0.25, memory_gib=0.5)
 """Default resources of a run in a cohort, whose networks and replay buffer are in the learner."""
 
 
@@ -103,7 +103,7 @@ class ExecutionConfig:
         device: torch's device of the networks.
         cohort: slots of each cohort; 0 if every run learns alone, with a share of a GPU on "cuda"; None for
             `COHORT_WIDTH` on "cuda" without GPU shares, else 0.
-        player: resources of one run in a cohort, without its learner.
+        rollout_worker: resources of one run in a cohort, without its learner.
         teachers: placement of teachers.
         checkpoint_seconds: longest time between two checkpoints of a run, s.
         most_losses: losses of a run after which it counts as failed.
@@ -117,7 +117,7 @@ class ExecutionConfig:
     resources: Resources = field(default_factory=Resources)
     device: str = Placement.device
     cohort: int | None = None
-    player: Resources = PLAYER
+    rollout_worker: Resources = ROLLOUT_WORKER
     teachers: TeacherPlacement = TeacherPlacement.ACTOR
     checkpoint_seconds: float = Placement.checkpoint_seconds
     most_losses: int = 3
@@ -142,7 +142,7 @@ class ExecutionConfig:
             raise ValueError(
                 f"device = {self.device!r}: a cohort learns on 'cpu' or 'cuda'; add '--cohort off'"
             )
-        if self.width and (self.resources.gpus or self.player.gpus):
+        if self.width and (self.resources.gpus or self.rollout_worker.gpus):
             raise ValueError(
                 "a run in a cohort occupies no GPU, its learner has one: leave out '--gpus-per-run', or add "
                 "'--cohort off' for runs that learn alone"
@@ -169,7 +169,7 @@ class ExecutionConfig:
     @property
     def per_run(self) -> Resources:
         """Resources of one run, alone or in a cohort."""
-        return self.player if self.width else self.resources
+        return self.rollout_worker if self.width else self.resources
 
     @property
     def max_queued(self) -> int:

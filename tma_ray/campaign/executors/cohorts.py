@@ -83,12 +83,12 @@ def learner_resources(
 
 def room_of(node: Mapping[str, float], settings: ExecutionConfig, learner: Resources) -> tuple[int, int]:
     """Return the number of learners that fit on a node, and of rollout workers beside each learner."""
-    player = settings.player
+    worker = settings.rollout_worker
     whole = Resources(
-        learner.cpus + settings.width * player.cpus,
-        memory_gib=learner.memory_gib + settings.width * player.memory_gib,
+        learner.cpus + settings.width * worker.cpus,
+        memory_gib=learner.memory_gib + settings.width * worker.memory_gib,
     )
-    least = Resources(learner.cpus + player.cpus, learner.gpus, learner.memory_gib + player.memory_gib)
+    least = Resources(learner.cpus + worker.cpus, learner.gpus, learner.memory_gib + worker.memory_gib)
     learners = least.fit_into(node)
     if not learner.gpus:
         learners = min(learners, max(1, whole.fit_into(node)))
@@ -96,8 +96,8 @@ def room_of(node: Mapping[str, float], settings: ExecutionConfig, learner: Resou
         return 0, 0
     cores = node.get("CPU", 0.0) / learners - learner.cpus
     memory = node.get("memory", 0.0) / learners / GIB - learner.memory_gib
-    by_memory = memory / player.memory_gib if player.memory_gib else math.inf
-    return learners, int(min(settings.width, cores / player.cpus + 1e-9, by_memory + 1e-9))
+    by_memory = memory / worker.memory_gib if worker.memory_gib else math.inf
+    return learners, int(min(settings.width, cores / worker.cpus + 1e-9, by_memory + 1e-9))
 
 
 def check_room(settings: ExecutionConfig, specs: Sequence[RunSpec], keys: Mapping[str, StackKey]) -> None:
@@ -112,8 +112,8 @@ def check_room(settings: ExecutionConfig, specs: Sequence[RunSpec], keys: Mappin
         return
     raise ValueError(
         f"no node can hold the learner of a cohort, of {learner.cpus:g} CPUs, {learner.gpus:g} GPUs and "
-        f"{learner.memory_gib:.1f} GiB, and a run of {settings.player.cpus:g} CPUs and "
-        f"{settings.player.memory_gib:g} GiB beside it: the nodes have {resource_text(nodes)}; give "
+        f"{learner.memory_gib:.1f} GiB, and a run of {settings.rollout_worker.cpus:g} CPUs and "
+        f"{settings.rollout_worker.memory_gib:g} GiB beside it: the nodes have {resource_text(nodes)}; give "
         f"'--cohort off' or a smaller number, add larger nodes, or give '--autoscaling' if the cluster adds "
         f"them"
     )
@@ -247,9 +247,9 @@ class Cohorts:
         """Return a node for a learner ("" for a future one) and the number of runs beside it, or None."""
         taken = Counter(cohort.node for cohort in self._cohorts)
         for node in self._head.nodes():
-            learners, players = room_of(node["Resources"], self._settings, self._resources)
-            if taken[node["NodeID"]] < learners and players:
-                return node["NodeID"], players
+            learners, workers = room_of(node["Resources"], self._settings, self._resources)
+            if taken[node["NodeID"]] < learners and workers:
+                return node["NodeID"], workers
         if self._settings.autoscaling and taken[""] < AUTOSCALING_LEARNERS:
             return "", self._settings.width
         return None
