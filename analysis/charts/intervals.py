@@ -181,7 +181,7 @@ def rank_chart(boards: Mapping[str, Sequence[Rank]], name: str = "ranks") -> bas
 
 
 DIFFERENCES = (
-    "Differences to Random of mastered test tasks, in points over all challenges, with joint intervals. "
+    "Differences to Random of mastered test tasks, in points, with joint intervals. "
     "In the end: last three evaluations; sooner: mean over training; small marks: for as many trained steps."
 )
 """Caption of `difference_chart`."""
