@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator
+from functools import partial
 
 from rich.console import Console
 from rich.table import Table
@@ -11,7 +12,7 @@ from analysis.baselines.catalogue import Sources, read
 from analysis.claims.judging import ClaimVerdict, decided, root_verdicts
 from analysis.data.frames import object_strings
 from analysis.statistics.samples import DEFAULT_MARGIN, Standing
-from tma_ray.console.terminal import terminal
+from tma_ray.console.terminal import print_text, terminal
 from tma_ray.support.texts import counted
 
 MAX_WIDTH = 100  # maximum number of characters in a line
@@ -55,28 +56,25 @@ def show_claims(
     console, frames = terminal(console), read(sources)
     verdicts, notes = root_verdicts(frames)
     width = min(console.width, MAX_WIDTH)
-
-    def tell(text: str | Text, style: str | None = None) -> None:
-        console.print(text, style=style, highlight=False, markup=False, width=width)
-
+    show = partial(print_text, console, width=width)
     shown = decided(verdicts)
     if shown:
         console.print(_table(shown), width=width)
     for note in (*_notes(verdicts), *frames.notes, *notes):
-        tell(note, "dim")
+        show(note, "dim")
     if not details:
-        tell("--details prints every statement with its numbers.", "dim")
+        show("--details prints every statement with its numbers.", "dim")
     if not explain:
-        tell("--explain prints what the words mean.", "dim")
+        show("--explain prints what the words mean.", "dim")
     for verdict in verdicts if details else ():
-        tell(
+        show(
             Text.assemble("\n", (verdict.standing_text, STYLES[verdict.standing]), f": {verdict.claim.text}")
         )
-        tell(f"  {verdict.claim.source}; {verdict.describe()}")
+        show(f"  {verdict.claim.source}; {verdict.describe()}")
         for finding in verdict.findings:
-            tell(f"    {finding.standing}: {finding.evidence}")
+            show(f"    {finding.standing}: {finding.evidence}")
     for text in EXPLAINED if explain else ():
-        tell(text)
+        show(text)
 
 
 def _notes(verdicts: list[ClaimVerdict]) -> Iterator[str]:

@@ -29,7 +29,7 @@ from analysis.measures.run_measures import NEARLY_ALL
 from analysis.measures.tested import AXES, FINAL, HEADLINE, MEASURES
 from analysis.names import label, short_title
 from analysis.tables.table import pipe_table
-from tma_ray.console.terminal import terminal
+from tma_ray.console.terminal import print_text, terminal
 
 if TYPE_CHECKING:
     from analysis.trials.design import Design
@@ -85,38 +85,33 @@ def show_leaderboards(
     for name, location, gaps in release_locations(names):
         boards = leaderboards(frames := read(location), subsets=subsets)
         if not boards:
-            tell(console, f"{name}: no run has been evaluated here.")
+            print_text(console, f"{name}: no run has been evaluated here.")
         for board in boards:
-            tell(console, f"{name}: {board.title}", "bold")
+            print_text(console, f"{name}: {board.title}", "bold")
             show_board(board, console)
             if budgets := compare_budgets(frames, board.runs):
-                tell(console, budgets.sentence(), "dim")
+                print_text(console, budgets.sentence(), "dim")
             if challenges:
                 for axis in COLUMN_AXES:
-                    tell(console, f"{_on_each(board)}, {MEASURES[axis]}:")
+                    print_text(console, f"{_on_each(board)}, {MEASURES[axis]}:")
                     console.print(_challenges(board, axis))
-            tell(console, "")
+            print_text(console, "")
         for line in _trial_lines(location) if trials else ():
-            tell(console, line)
+            print_text(console, line)
         ceilings = ceiling_sentences(frames) if explain else ()
         for sentence in [*([f"{name} is partial: {gaps}"] if gaps else []), *ceilings]:
-            tell(console, sentence, "dim")
+            print_text(console, sentence, "dim")
     for paragraph in EXPLANATION if explain else ():
-        tell(console, paragraph, "dim")
+        print_text(console, paragraph, "dim")
 
 
 def show_board(board: Leaderboard, console: Console) -> None:
     """Print a leaderboard: sentences about the best teachers, a table, and notes."""
     if answer := board.answer():
-        tell(console, answer)
+        print_text(console, answer)
     console.print(_table(board))
     for note in notes(board):
-        tell(console, note, "dim")
-
-
-def tell(console: Console, text: str, style: str | None = None) -> None:
-    """Print `text` without markup or highlighting."""
-    console.print(text, style=style, highlight=False, markup=False)
+        print_text(console, note, "dim")
 
 
 def release_locations(names: Sequence[str]) -> list[tuple[str, str, str]]:

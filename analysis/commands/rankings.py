@@ -14,7 +14,7 @@ from rich.console import Console, JustifyMethod
 from rich.table import Table
 
 from analysis.baselines.catalogue import Sources, own_teachers, read
-from analysis.commands.leaderboards import EXPLANATION, show_board, tell
+from analysis.commands.leaderboards import EXPLANATION, show_board
 from analysis.comparisons.against_random import Gap, against_random, sentences_against_random
 from analysis.comparisons.leaderboards import leaderboards
 from analysis.comparisons.planning import LITE, PAPER, detectable_differences
@@ -28,7 +28,7 @@ from analysis.measures.tested import FINAL, HEADLINE, MEASURES, how_tested
 from analysis.names import label, mark_of, own_first
 from analysis.statistics import SIGNIFICANCE, welch
 from analysis.statistics.power import POWER
-from tma_ray.console.terminal import terminal
+from tma_ray.console.terminal import print_text, terminal
 
 NAME_WIDTH = 14  # width of the teacher column, in characters
 
@@ -65,22 +65,22 @@ def show_ranking(
     with own_first(own_teachers(sources, frames)):
         for board in leaderboards(frames, runs, subsets=explain):
             if len(board.challenges) > 1:
-                tell(console, f"Over {len(board.challenges)} challenges: {board.title}", "bold")
+                print_text(console, f"Over {len(board.challenges)} challenges: {board.title}", "bold")
                 show_board(board, console)
         for (title, level), rows in table.groupby(
             [pd.Series(challenge_titles(table)), "expert_knowledge"], sort=False
         ):
-            tell(console, f"{title}, expert knowledge {level}", "bold")
+            print_text(console, f"{title}, expert knowledge {level}", "bold")
             _show_challenge(console, rows, measure)
         gaps = table[table["missing"] != ""].groupby(["environment", "challenge"], sort=False)["missing"]
         notes = [f"* {challenge}: {'; '.join(dict.fromkeys(texts))}" for (_, challenge), texts in gaps]
         for note in (*notes, *frames.cell_warnings, *frames.skipped_files):
-            tell(console, note, "dim")
+            print_text(console, note, "dim")
     if explain:
         for sentence in [*sentences_against_random(against_random(frames, runs)), *ranking_sentences(table)]:
-            tell(console, sentence)
+            print_text(console, sentence)
         for paragraph in (*EXPLANATION, how_tested(FAMILIES)):
-            tell(console, paragraph, "dim")
+            print_text(console, paragraph, "dim")
 
 
 def _show_challenge(console: Console, rows: pd.DataFrame, measure: str) -> None:
@@ -102,7 +102,7 @@ def _show_challenge(console: Console, rows: pd.DataFrame, measure: str) -> None:
         _add(shown, row["teacher"], cells, "bold" if row["rank"] == 1 else None)
     console.print(shown)
     for reason, teachers in untested.items():
-        tell(console, f"  not tested: {', '.join(teachers)}: {reason}", "dim")
+        print_text(console, f"  not tested: {', '.join(teachers)}: {reason}", "dim")
 
 
 def _table(heads: Sequence[tuple[str, int]]) -> Table:
@@ -175,7 +175,7 @@ def show_detectable_differences(
         marks = (number(row[name]) for name in ("steadiest", "typical", "most_varied"))
         table.add_row(f"{row['environment']} {row['challenge']}", str(row["seeds"]), *marks, row["spread_of"])
     console = terminal(console)
-    tell(
+    print_text(
         console,
         f"\nSmallest difference between two teachers, in points of mastered tasks, that Welch's test finds "
         f"with {POWER:.0%} power at p < {SIGNIFICANCE}, for teachers whose seeds scatter as in the results "

@@ -129,7 +129,7 @@ def write_comparison(
     sources: Sources,
     baselines: Sequence[str],
     output: Path | None = None,
-    tell: Callable[[str], object] = lambda _: None,
+    print_sentence: Callable[[str], object] = lambda _: None,
     measure: str = HEADLINE,
 ) -> Path:
     """Write a page that compares the results of a root with baselines, and return its ``index.html``.
@@ -139,8 +139,8 @@ def write_comparison(
         baselines: names of released baselines, folders or addresses of results.
         output: folder for pages, each in a folder named by its baselines; ``compare`` in the first of
             `sources` if that is a folder.
-        tell: function that is called with the first sentences of the page: results that cannot be compared,
-            ranks over all challenges, and runs that would distinguish a teacher from Random.
+        print_sentence: function called with each of the first sentences of the page: results that cannot be
+            compared, ranks over all challenges, and runs that would distinguish a teacher from Random.
         measure: one of `tested.MEASURES`, by which teachers are ranked and tested.
 
     Raises:
@@ -152,12 +152,12 @@ def write_comparison(
     # Each set of baselines has its own folder, so that no page replaces another.
     name = "+".join(re.sub(r"[^\w.-]+", "_", str(name)).strip("_.") or "_" for name in baselines)
     folder = page_folder(source_list(sources)[0], output, "compare", "page") / name
-    text, pictures = _render(read(sources), baselines, tell, measure)
+    text, pictures = _render(read(sources), baselines, print_sentence, measure)
     return write_page(folder, text, {f"{picture.name}.png": picture.png for picture in pictures})
 
 
 def _render(
-    frames: Frames, baseline_names: Sequence[str], tell: Callable[[str], object], measure: str
+    frames: Frames, baseline_names: Sequence[str], print_sentence: Callable[[str], object], measure: str
 ) -> tuple[str, list[Picture]]:
     yours, baselines, split_names = result_sets.named_jointly(
         result_sets.result_set(frames, "yours"), list(map(result_sets.baseline_results, baseline_names))
@@ -176,7 +176,7 @@ def _render(
     hours = pd.concat([root.run_hours for root in all_frames])
     plans = plans_against_random(runs, teachers, hours[~hours.index.duplicated()], measure)
     for sentence in [*standings, *plans]:
-        tell(sentence)
+        print_sentence(sentence)
     tests = result_sets.head_to_head(runs, teachers, measure)
     shown = leading(pooled(runs, [measure]), f"{measure}_mean", runs["teacher"], COMPARED)
     shown |= frozenset(teachers if len(teachers) <= MOST_SHOWN else ())

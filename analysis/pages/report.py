@@ -158,7 +158,7 @@ MEDIA_TYPES = {".mp4": "video/mp4", ".gif": "image/gif"}
 
 
 @dataclass(frozen=True)
-class WantedVideo:
+class VideoRequest:
     """Episode to be shown as a video in a report.
 
     Attributes:
@@ -191,7 +191,7 @@ class WantedVideo:
 class Video:
     """Recorded video of an episode, with its return."""
 
-    wanted: WantedVideo
+    request: VideoRequest
     file: Path
     episodic_return: float
 
@@ -208,14 +208,14 @@ class Video:
     @property
     def caption(self) -> str:
         """Caption with teacher, seed, task and return."""
-        which = "its only seed" if self.wanted.rank == "only" else f"its {self.wanted.rank} seed"
+        which = "its only seed" if self.request.rank == "only" else f"its {self.request.rank} seed"
         return (
-            f"{label(self.wanted.teacher)}, seed {self.wanted.seed} ({which} by mastered tasks), on test "
-            f"task {self.wanted.task_index} ({self.wanted.task}): return {number(self.episodic_return)}"
+            f"{label(self.request.teacher)}, seed {self.request.seed} ({which} by mastered tasks), on test "
+            f"task {self.request.task_index} ({self.request.task}): return {number(self.episodic_return)}"
         )
 
 
-def wanted_videos(measurements: Measurements) -> Iterator[WantedVideo]:
+def video_requests(measurements: Measurements) -> Iterator[VideoRequest]:
     """Yield the episodes that a report shows as videos: each teacher's best and worst finished runs.
 
     All policies of a comparison play the test task on which the returns of its runs differ most.
@@ -239,14 +239,14 @@ def wanted_videos(measurements: Measurements) -> Iterator[WantedVideo]:
             for rank, index in (("best", -1), ("worst", 0)) if len(ranked) > 1 else (("only", 0),):
                 run = ranked.iloc[index]
                 names = (comparison.anchor, teacher, run["run_id"], rank, int(run["seed"]))
-                yield WantedVideo(*names, *chosen, words)
+                yield VideoRequest(*names, *chosen, words)
 
 
 def by_comparison(videos: Sequence[Video]) -> dict[str, list[Video]]:
     """Group videos by the anchor of their section."""
     sections: dict[str, list[Video]] = {}
     for video in videos:
-        sections.setdefault(video.wanted.comparison, []).append(video)
+        sections.setdefault(video.request.comparison, []).append(video)
     return sections
 
 
@@ -259,7 +259,7 @@ def write_report(
     Args:
         sources: results roots and baselines with runs: folders, addresses, names.
         output: folder to write to; ``report`` in the first of `sources` if that is a folder.
-        videos: videos to embed, from `wanted_videos`.
+        videos: videos to embed, from `video_requests`.
         reload: interval at which an open page reloads, in seconds; 0 for never.
 
     Returns:

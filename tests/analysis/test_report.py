@@ -23,7 +23,7 @@ from analysis.formatting import listed, number
 from analysis.measures.pooling import runs_after
 from analysis.measures.tested import AXES, FINAL, verdict
 from analysis.pages.compare import write_comparison
-from analysis.pages.report import Video, subject, wanted_videos, write_report
+from analysis.pages.report import Video, subject, video_requests, write_report
 from analysis.pages.sections import answers, distinct
 from tma_ray.cli import reporting
 from tma_ray.results import ResultsRootError, Table
@@ -369,10 +369,10 @@ def told_apart(campaign: SyntheticCampaign) -> Path:
 
 
 def test_the_best_and_the_worst_seed_play_the_task_that_tells_runs_apart(told_apart: Path) -> None:
-    wanted = list(wanted_videos(Measurements(load(told_apart))))
-    found = [(each.teacher, each.seed, each.rank) for each in wanted]
+    requests = list(video_requests(Measurements(load(told_apart))))
+    found = [(each.teacher, each.seed, each.rank) for each in requests]
     assert found == [("random", 0, "only"), ("adr", 2, "best"), ("adr", 0, "worst")]
-    assert {(each.test_set, each.task_index, each.task) for each in wanted} == {("line", 1, "1")}
+    assert {(each.test_set, each.task_index, each.task) for each in requests} == {("line", 1, "1")}
 
 
 @pytest.mark.parametrize(("ending", "element"), [("mp4", "<video"), ("gif", "<img")])
@@ -381,7 +381,7 @@ def test_videos_are_embedded_with_ends(told_apart: Path, tmp_path: Path, ending:
     file = tmp_path / f"one.{ending}"
     file.write_bytes(b"moving")
     assert "Policies at work" not in write_report(told_apart).read_text()
-    videos = [Video(each, file, 123.4) for each in wanted_videos(Measurements(load(told_apart)))]
+    videos = [Video(each, file, 123.4) for each in video_requests(Measurements(load(told_apart)))]
     text = re.sub(r"\s+", " ", write_report(told_apart, videos=videos).read_text())
     assert text.count("base64,bW92aW5n") == 3
     assert f"{element} " in text

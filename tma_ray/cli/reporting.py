@@ -94,18 +94,18 @@ def _videos(sources: Sequence[str | Path], folder: Path) -> Iterator[Video]:
 
     from analysis.baselines.catalogue import read
     from analysis.comparisons.comparison import Measurements
-    from analysis.pages.report import Video, wanted_videos
+    from analysis.pages.report import Video, video_requests
     from tma_ray.runs.checkpoints import find_policy
     from tma_ray.runs.spec import evaluation_seeds
     from tma_ray.viewing.rendering import EpisodeSettings, render
 
     frames, suffix = read(sources), ".mp4" if find_spec("av") else ".gif"
-    for wanted in wanted_videos(Measurements(frames)):
+    for request in video_requests(Measurements(frames)):
         folder.mkdir(parents=True, exist_ok=True)
-        run, task, file = wanted.run_id, wanted.task, folder / f"{wanted.name}{suffix}"
+        run, task, file = request.run_id, request.task, folder / f"{request.name}{suffix}"
         root = str(frames.results_of(run).store)
         try:
-            seed = evaluation_seeds(find_policy(run, root).spec.test_set)[wanted.task_index]
+            seed = evaluation_seeds(find_policy(run, root).spec.test_set)[request.task_index]
             settings = EpisodeSettings(
                 policy=run,
                 results=root,
@@ -114,7 +114,7 @@ def _videos(sources: Sequence[str | Path], folder: Path) -> Iterator[Video]:
                 steps=MAX_VIDEO_STEPS,
                 every=FRAME_STEPS[suffix],
             )
-            yield Video(wanted, file, render(settings, file).episodic_return)
+            yield Video(request, file, render(settings, file).episodic_return)
         except ValueError as error:  # there is no policy, or the world cannot be drawn
             _warn([f"no video of {run}: {error}"])
 

@@ -54,6 +54,13 @@ def print_line(text: str) -> None:
     terminal().print(text, highlight=False, soft_wrap=True)
 
 
+def print_text(
+    console: Console, text: str | Text, style: str | None = None, width: int | None = None
+) -> None:
+    """Print `text` on a console without markup and highlighting, wrapped at `width`."""
+    console.print(text, style=style, highlight=False, markup=False, width=width)
+
+
 _MODES: Final = {"stdin": "r", "stdout": "w", "stderr": "w"}  # in order of descriptors
 
 
