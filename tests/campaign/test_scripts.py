@@ -34,6 +34,7 @@ from tma_ray.campaign import (
 from tma_ray.campaign.costs import Cost, Throughput, estimate
 from tma_ray.campaign.experiments import experiment_plan
 from tma_ray.campaign.options import ExperimentOptions
+from tma_ray.campaign.plan import planned_experiments
 from tma_ray.campaign.settings import ExecutionConfig, Resources
 from tma_ray.cli import main
 from tma_ray.console.command_line import read
@@ -179,6 +180,14 @@ def test_joined_plans_share_runs() -> None:
     plan = joined_plan("both", campaigns)
     assert (plan.name, len(plan.runs), len(plan.cell_rows)) == ("both", 2, 4)
     assert values(plan, "experiment") == {"first", "second"}
+
+
+def test_a_stage_that_repeats_cells_of_another_counts_them_once() -> None:
+    cells, schedule = cells_of(("random",), ("ppo",)), Schedule(steps=100)
+    campaigns = [Campaign("one", cells, tuple(range(seeds)), schedule) for seeds in (2, 3)]
+    plan = joined_plan("both", campaigns)
+    assert plan.describe() == "campaign 'both': 1 cell, 3 with their seeds = 3 runs, 300 environment steps"
+    assert [part["asked"] for part in planned_experiments(plan)] == [3]
 
 
 def test_a_matrix_that_nobody_knows_enough_for_is_left_out() -> None:

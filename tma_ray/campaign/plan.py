@@ -224,7 +224,8 @@ def matrix_campaigns(
 def joined_plan(name: str, campaigns: Sequence[CampaignSpec]) -> Plan:
     """Join `campaigns` into the plan of one campaign, with an experiment for each.
 
-    Runs are ordered by seed, then by cell, so that partial results can be compared.
+    Runs are ordered by seed, then by cell, so that partial results can be compared. Cells and seeds that
+    several campaigns of an experiment have count once.
 
     Raises:
         ValueError: if a cell cannot run, or there is nothing to run.
@@ -235,15 +236,17 @@ def joined_plan(name: str, campaigns: Sequence[CampaignSpec]) -> Plan:
             f"enough at the levels chosen"
         )
     runs: dict[str, tuple[int, RunSpec]] = {}
-    rows: list[dict[str, Any]] = []
+    rows: dict[tuple[Any, ...], dict[str, Any]] = {}
     for campaign in campaigns:
         plan = campaign.plan()
-        rows += plan.cell_rows
+        rows |= {tuple(row.values()): row for row in plan.cell_rows}
         for spec in plan.runs:
             runs.setdefault(spec.run_id, (campaign.seeds.index(spec.seed), spec))
     ordered = sorted(runs.values(), key=lambda placed: placed[0])
-    size = f"{sum(len(campaign.cells) for campaign in campaigns)} cells, {len(rows)} with their seeds"
-    return Plan(name, size, tuple(spec for _, spec in ordered), tuple(rows))
+    apart = {"seed", "run_id"}
+    cells = {tuple(row[name] for name in row if name not in apart) for row in rows.values()}
+    size = f"{counted(len(cells), 'cell')}, {len(rows)} with their seeds"
+    return Plan(name, size, tuple(spec for _, spec in ordered), tuple(rows.values()))
 
 
 QUICKSTART = CampaignSpec(
