@@ -205,7 +205,7 @@ def by_run(rows: pd.DataFrame) -> pd.DataFrame:
     """Return the results of runs measured at all budgets, indexed by teacher, `STRATA` and run_id.
 
     Args:
-        rows: those columns, step (a budget), `HEADLINE` and `FINAL`.
+        rows: table with those columns, step (a budget), `HEADLINE` and `FINAL`.
 
     Returns:
         A column per measure and budget.
