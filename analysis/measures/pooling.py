@@ -304,11 +304,12 @@ def _rare_parts(cells: pd.DataFrame) -> dict[tuple[str, str, str], frozenset[str
     """
     rare = {}
     for key, rows in cells.groupby(["engine", "environment", "challenge"], observed=True):
+        engine, environment, challenge = map(str, key)
         core = rows[rows["teacher"].isin(core_of(rows))]
         teachers = core.groupby(PARTS, observed=True)["teacher"].nunique()
         few = teachers[teachers < LEAST_TEACHERS * teachers.max()]
         if 2 * len(few) < len(teachers):
-            rare[key] = frozenset(itertools.starmap(_label, few.index))
+            rare[engine, environment, challenge] = frozenset(itertools.starmap(_label, few.index))
     return rare
 
 
