@@ -247,8 +247,10 @@ def agreement(runs: Runs, counts: pd.DataFrame) -> pd.DataFrame:
     """
     rows = []
     for name, spaces in SETS.items():
-        found = {} if lacking(counts, spaces) else over_spaces(runs, spaces)
-        for budget in sorted({budget for _, budget in found}):
+        if lacking(counts, spaces):
+            continue
+        found = over_spaces(runs, spaces)
+        for budget in BUDGETS[1:]:
             cells = [name, steps_text(budget)]
             for later in (found[measure, budget] for measure in (FINAL, HEADLINE)):
                 turned = f"{later.reversed_pairs} of {later.pairs}"

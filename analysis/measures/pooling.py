@@ -63,11 +63,10 @@ def by_conditions(runs: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
     """Yield a tag for file names and the started runs of each set of conditions, largest set first."""
     begun = runs[runs["steps"].notna()]
     columns = varying(begun)
-    short = dict(zip(begun["variant"], without_common_phrases(begun["variant"]), strict=True))
+    short = without_common_phrases(begun["variant"])
     groups = [rows for _, rows in begun.groupby(CONDITIONS, dropna=False, sort=True)]
     for rows in sorted(groups, key=lambda rows: -rows["run_id"].nunique()):
-        first = rows.iloc[0].copy()
-        first["variant"] = short[first["variant"]]
+        first = pd.Series({**rows.iloc[0], "variant": short[rows.index[0]]})
         words = [
             str(int(first[column])) if column == "steps" else "".join(condition_words(first, [column]))
             for column in columns
