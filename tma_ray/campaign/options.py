@@ -55,7 +55,7 @@ def names(text: str) -> tuple[str, ...]:
 
 
 def bodies(text: str) -> tuple[str, ...]:
-    """Parse comma-separated names of bodies; an empty name is no body."""
+    """Parse comma-separated names of bodies, empty for worlds without one."""
     return tuple(name.strip() for name in text.split(","))
 
 
