@@ -1,9 +1,14 @@
 """The rules of the pilot, on curves whose areas are known."""
 
+import itertools
+
 import numpy as np
 import pandas as pd
 import pytest
 
+from analysis.baselines import find_baseline
+from analysis.comparisons.budgets import effect_correlation
+from analysis.formatting import number
 from tma_ray.runs import Cell, Schedule, effective_spec
 from tma_ray.tasks import KnowledgeLevel
 
@@ -86,3 +91,29 @@ def test_runs_under_the_settings_of_a_later_preset_are_not_run_again(monkeypatch
     found = pilot.written("root", tmp_path / "pilot.csv")
     cell = Cell(student="ppo:preset=decisive", expert_knowledge=KnowledgeLevel.HIGH)
     assert pilot.key_of(effective_spec(cell, 1000, Schedule(2_000_000))) in pilot.done(found)
+
+
+def test_the_note_of_lite_2_has_the_agreement_of_budgets_in_the_pilot() -> None:
+    found = pilot.read(pilot.MEASURED / "pilot.csv")
+    found = found[found["steps"] == found["steps"].max()]
+    early, late = pilot.areas(found, until=2_000_000), pilot.areas(found, until=5_000_000)
+    pairs = early.assign(early=early["area"], late=late["last_three"])
+    spaces = dict(list(pairs.groupby("challenge")))
+    agreement = effect_correlation(
+        [
+            {name: runs[["early", "late"]] for name, runs in each.groupby("teacher")}
+            for each in spaces.values()
+        ]
+    )
+    signs = [
+        np.prod(np.sign(first - second))
+        for each in spaces.values()
+        for first, second in itertools.combinations(
+            each.groupby("teacher")[["early", "late"]].mean().to_numpy(), 2
+        )
+    ]
+    note = find_baseline("lite-2").manifest.budget_note
+    value, low, high = (number(each, 2) for each in (agreement.value, agreement.low, agreement.high))
+    assert f"a pilot of {len(pairs)} runs" in note
+    assert f"a correlation of true effects of {value} [{low}, {high}]" in note
+    assert f"{signs.count(-1)} of {len(signs)} pairs change places" in note

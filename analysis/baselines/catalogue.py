@@ -5,7 +5,7 @@ import json
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Any, Final, Self, TypeAlias
@@ -15,6 +15,7 @@ import pandas as pd
 from analysis.data.frames import Frames
 from analysis.data.loading import frames_of, joined, load
 from analysis.data.reference import is_baseline, published_frame
+from tma_ray.benchmark import SIZES, Tier
 from tma_ray.results import SIMULATED, Results, ResultsRootError, Store, check_path
 from tma_ray.support.component_names import nearest
 from tma_ray.support.decoding import DamagedFileError, Natural, Sha256, decode_json
@@ -71,10 +72,12 @@ class About:
         core: campaigns that ``tma-ray campaign --like`` repeats; empty for those of the previous manifest, or
             all.
         gaps: text about planned campaigns that have not begun; empty for that of the previous manifest.
+        budget_note: sentence about rankings at longer budgets; empty for that of the previous manifest.
     """
 
     core: tuple[str, ...] = ()
     gaps: str = ""
+    budget_note: str = ""
 
 
 DEFAULT_ABOUT: Final = About()
@@ -103,6 +106,8 @@ class BaselineManifest:
         planned: planned number of runs by campaign, for a release that grows by shards.
         done: number of finished runs of these campaigns.
         gaps: text about planned campaigns that have not begun; empty for none.
+        budget_note: sentence about the agreement of its rankings with those at longer budgets, shown with
+            its leaderboards; empty if unknown.
     """
 
     name: str
@@ -122,6 +127,7 @@ class BaselineManifest:
     planned: Mapping[str, Natural] = field(default_factory=dict)
     done: Mapping[str, Natural] = field(default_factory=dict)
     gaps: str = ""
+    budget_note: str = ""
 
     @property
     def citation(self) -> str:
@@ -198,7 +204,8 @@ class Baseline:
         """
         if self.manifest.kind is not BaselineKind.RUNS:
             raise BaselineError(f"{self.manifest.name} has no runs, only published results; use published()")
-        return frames_of(Results(self.store())).with_core(self.manifest.core)
+        frames = frames_of(Results(self.store())).with_core(self.manifest.core)
+        return replace(frames, cells=frames.cells.assign(budget_note=self.manifest.budget_note))
 
     def published(self) -> pd.DataFrame:
         """Return the published results, with the columns of `reference.paper_frame`.
@@ -232,21 +239,24 @@ def baselines() -> tuple[Baseline, ...]:
 
 
 def newest_release() -> Baseline:
-    """Return the newest of `baselines` whose students are not simulated and whose core is complete.
+    """Return the newest of `baselines` with a complete core of real students at the budgets of tier `lite`.
 
     Raises:
         BaselineError: if there is none, or a baseline is damaged.
     """
+    budgets = set(SIZES[Tier.LITE].steps.values())
     releases = [
         baseline
         for baseline in baselines()
         if baseline.manifest.kind is BaselineKind.RUNS
         and baseline.manifest.engine != SIMULATED
         and baseline.manifest.core_is_whole
+        and budgets.issuperset(baseline.manifest.holds["steps"])
     ]
     if not releases:
         raise BaselineError(
-            "no release of real students with a whole core has a name here: give one with --against"
+            "no release of real students with a complete core and the budgets of tier lite has a name here: "
+            "give one with --against"
         )
     return max(releases, key=lambda baseline: baseline.manifest.created)
 

@@ -195,8 +195,18 @@ _TYPES: Final = {
 }
 
 
-def croissant(manifest: BaselineManifest, files: Sequence[BaselineFile], made: str) -> dict[str, Any]:
-    """Return the Croissant metadata of a release of runs, as JSON values."""
+def croissant(
+    manifest: BaselineManifest, files: Sequence[BaselineFile], made: str, columns: Mapping[str, set[str]]
+) -> dict[str, Any]:
+    """Return the Croissant metadata of a release of runs, as JSON values.
+
+    Args:
+        manifest: manifest of the baseline.
+        files: files of the baseline.
+        made: sentences about the origin of the results.
+        columns: names of the columns of each file of a table, by path. Loaders fail for a field without a
+            column, so only the columns that all files of a table have are described.
+    """
     tables = {table: [f for f in files if f.path.startswith(f"tables/{table}/")] for table in Table}
     held = {table: parts for table, parts in tables.items() if parts}
     numbers = [part for part in manifest.name.rpartition("-")[2].split(".") if part.isdigit()]
@@ -218,7 +228,7 @@ def croissant(manifest: BaselineManifest, files: Sequence[BaselineFile], made: s
         "rai:dataCollection": made,
         "rai:dataCollectionType": "Software Collection",
         "rai:dataUseCases": "Comparison of curriculum teachers by released runs, without running them again.",
-        "rai:dataLimitations": [*manifest.caveats, *([manifest.gaps] if manifest.gaps else [])],
+        "rai:dataLimitations": [*manifest.caveats, *filter(None, (manifest.gaps, manifest.budget_note))],
         "rai:dataBiases": (
             "Runs are of simulated worlds and of the students that are named; hardware can go with seeds."
         ),
@@ -230,9 +240,14 @@ def croissant(manifest: BaselineManifest, files: Sequence[BaselineFile], made: s
                 "@id": str(table),
                 "name": str(table),
                 "description": f"A row is {_ROWS[table]}.",
-                "field": [field for column in SCHEMAS[table] if (field := _field(table, column))],
+                "field": [
+                    field
+                    for column in SCHEMAS[table]
+                    if all(column.name in columns[file.path] for file in parts)
+                    and (field := _field(table, column))
+                ],
             }
-            for table in held
+            for table, parts in held.items()
         ],
     }
 

@@ -135,6 +135,7 @@ def _draft(
         core=about.core or (before.core if before else ()),
         planned=dict(sorted(planned.items())),
         gaps=about.gaps or (before.gaps if before else ""),
+        budget_note=about.budget_note or (before.budget_note if before else ""),
     )
 
 
@@ -159,7 +160,8 @@ def _complete(draft: BaselineManifest, folder: Path, copied: results.Copy | resu
     text = card(manifest, made, tables, ceilings=ceiling_sentences(frames), paths=filled)
     (folder / CARD_FILE).write_text(text, encoding="utf-8")
     files = tuple(BaselineFile.of(store, path) for path in store.files())
-    metadata = json.dumps(croissant(manifest, files, made), indent=1, ensure_ascii=False)
+    columns = {path: set(pq.read_schema(folder / path).names) for path in store.files(results.TABLES)}
+    metadata = json.dumps(croissant(manifest, files, made, columns), indent=1, ensure_ascii=False)
     (folder / CROISSANT_FILE).write_text(f"{metadata}\n", encoding="utf-8")
     files = tuple(BaselineFile.of(store, path) for path in store.files())
     (folder / BASELINE_FILE).write_bytes(replace(manifest, files=files).to_bytes())
@@ -266,8 +268,8 @@ def add_to_release(
 ) -> Path:
     """Add a root's new finished runs to a release (created if missing), as one lean file per table.
 
-    The other files of the release stay, except its card and metadata. A campaign may be running on the root.
-    An interruption leaves the release unchanged.
+    Without new runs, facts alone can be changed. The other files of the release stay, except its card and
+    metadata. A campaign may be running on the root. An interruption leaves the release unchanged.
 
     Args:
         root: folder, or ``s3://`` or ``gs://`` address.
@@ -282,8 +284,8 @@ def add_to_release(
 
     Raises:
         ResultsRootError: if `root` does not exist, or a shard of that name exists already.
-        BaselineError: if the root has no new runs, root or release are damaged, or the release's folder holds
-            other files.
+        BaselineError: if there are neither new runs nor facts, root or release are damaged, or the release's
+            folder holds other files.
     """
     results.check_id(shard)
     folder = _release_folder(name, output)
@@ -294,7 +296,7 @@ def add_to_release(
         store = results.Store.open(aside)
         added = results.add_shard(source, store, shard)
         _refuse_damaged(added.damaged, partial=False)
-        if not added.runs and not added.cells:
+        if not added.runs and not added.cells and (before is None or about == DEFAULT_ABOUT):
             raise BaselineError(
                 f"{source.store} has no finished run that {folder} lacks: there is nothing to add"
             )

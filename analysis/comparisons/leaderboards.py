@@ -78,6 +78,7 @@ class Leaderboard:
         entries: teachers, the best in the end first.
         names: shortest distinct label of each teacher; see `names.distinct_labels`.
         runs: its rows from `pooling.pool_runs`.
+        budget_notes: sentences about the agreement of its order with those at longer budgets.
     """
 
     title: str
@@ -86,6 +87,7 @@ class Leaderboard:
     entries: tuple[Entry, ...]
     names: Mapping[str, str]
     runs: pd.DataFrame = field(repr=False, compare=False)
+    budget_notes: tuple[str, ...] = ()
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -152,7 +154,7 @@ class Leaderboard:
 
 
 def notes(board: Leaderboard) -> list[str]:
-    """Return the notes below a leaderboard: comparisons per trained step, omitted settings, few seeds."""
+    """Return the notes below a leaderboard: trained steps, omitted settings, few seeds, longer budgets."""
     sentences = []
     gaps = [(entry, entry.against.gaps) for entry in board.entries if entry.against]
     parts = [
@@ -178,7 +180,8 @@ def notes(board: Leaderboard) -> list[str]:
     usual, _ = Counter(rank.n for _, rank in runs).most_common(1)[0]
     few = few_seeds_warning(min(rank.fewest for _, rank in runs if rank.n >= usual))
     fewer = listed(board.names[entry.teacher] for entry, rank in runs if rank.n < usual)
-    return [*sentences, *([f"{few}{f' Fewer runs: {fewer}.' if fewer else ''}"] if few else [])]
+    sentences += [f"{few}{f' Fewer runs: {fewer}.' if fewer else ''}"] if few else []
+    return [*sentences, *board.budget_notes]
 
 
 def leaderboards(
@@ -268,6 +271,7 @@ def _board(
         )
         for teacher in sorted(ranked[FINAL], key=lambda name: (-ranked[FINAL][name].mean, name))
     )
+    budget_notes = frames.cells.loc[frames.cells["run_id"].isin(runs["run_id"]), "budget_note"].unique()
     version, challenges = where["physics_version"], where["challenges"]
     engine = f"{where['engine']} {version:g}" if version else where["engine"]
     budget = f"{steps_text(where['steps'])} steps"
@@ -281,6 +285,7 @@ def _board(
         entries=entries,
         names=distinct_labels(results),
         runs=runs,
+        budget_notes=tuple(filter(None, budget_notes)),
     )
 
 

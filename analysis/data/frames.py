@@ -43,7 +43,8 @@ class Frames:
     Attributes:
         cells: one row per cell and run: `GROUP`, campaign, seed, run_id, status, error, spec, steps,
             test_set, physics_version, and `FROM_SPEC`; engine is the simulator of the worlds. core is True
-            in the campaigns of `core`. Ambiguous names are split by `naming.disambiguate_names`.
+            in the campaigns of `core`; budget_note is that of the baseline, if any. Ambiguous names are split
+            by `naming.disambiguate_names`.
         evaluations: run_id, step, test_set, task_index, episodic_return, and mastered, True if that is over
             the threshold of its run.
         measured: one row per run and evaluation, from `loading.evaluation_measures`.

@@ -43,7 +43,7 @@ def frames_of(results: Results) -> Frames:
     )
     warnings = *_cell_warnings(cells, evaluations), *_evaluation_warnings(measured)
     return Frames(
-        cells=cells.assign(core=True),
+        cells=cells.assign(core=True, budget_note=""),
         evaluations=evaluations,
         measured=measured,
         test_tasks=tasks.drop_duplicates(["test_set", "task_index"]).reset_index(drop=True),

@@ -9,12 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
+import pyarrow.parquet as pq
 import pytest
 from synthetic_results import SMALL, SyntheticCampaign
 from views import Told, printed
 
 from analysis.baselines import (
     BaselineError,
+    add_to_release,
     as_baseline,
     baselines,
     find_baseline,
@@ -31,6 +33,9 @@ from analysis.data.reference import paper_frame
 from tma_ray.results import Lease, ResultsRootError, Store, Table, compact
 
 TEACHERS = ("random", "alp_gmm", "<b>|mine")
+
+OLD_RELEASE = Path(__file__).parents[1] / "compatibility" / "version_1" / "release"
+"""Release whose table of runs has no column ``mastery_threshold``."""
 
 
 @pytest.fixture(scope="module")
@@ -100,11 +105,25 @@ def test_its_croissant_metadata_are_valid_and_lead_to_its_rows(released: Path) -
 
 
 @pytest.mark.slow
+def test_columns_that_older_files_of_a_release_lack_are_not_in_its_metadata(
+    root: Path, tmp_path: Path
+) -> None:
+    old = Path(shutil.copytree(OLD_RELEASE, tmp_path / "old"))
+    add_to_release(root, "old", "new", tmp_path)
+    found = described(old)
+    assert len(list(found.records("runs"))) == len(load(old).results.runs())
+    files = [pq.read_schema(path).names for path in (old / "tables/runs").glob("*.parquet")]
+    assert len(set(map(tuple, files))) > 1
+
+
+@pytest.mark.slow
 def test_releases_that_ship_have_valid_croissant_metadata() -> None:
     with_runs = [each for each in baselines() if each.manifest.kind is BaselineKind.RUNS]
     assert with_runs
     for each in with_runs:
-        assert described(Path(each.location)).metadata.name == each.manifest.name
+        found = described(Path(each.location))
+        assert found.metadata.name == each.manifest.name
+        assert len(list(found.records("runs"))) == each.manifest.holds["runs"]
 
 
 def test_a_release_has_one_file_per_table_and_experiment_and_nothing_that_runs(released: Path) -> None:
@@ -250,9 +269,11 @@ def test_baselines_are_found_by_name(released: Path, tmp_path: Path, monkeypatch
         ({"partial": "1 of 4 runs are done, 3 waiting", "core": ()}, False),
         ({"partial": "core has 69 of 70 runs", "done": {"core": 69}}, False),
         ({"partial": "later has 0 of 56 runs", "done": {"core": 70, "later": 0}}, True),
+        ({"holds": {"steps": [2_000_000, 6_000_000]}}, True),
+        ({"holds": {"steps": [20_000_000]}}, False),
     ],
 )
-def test_the_newest_release_is_one_whose_core_is_whole(gaps, whole, tmp_path, monkeypatch):
+def test_the_newest_release_has_a_whole_core_and_budgets_of_tier_lite(gaps, whole, tmp_path, monkeypatch):
     manifest = replace(find_baseline("lite-1").manifest, name="later-1", created="2999-01-01")
     manifest = replace(manifest, core=("core",), planned={"core": 70, "later": 56})
     monkeypatch.setenv(BASELINES_VARIABLE, str(tmp_path))

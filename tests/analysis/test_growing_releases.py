@@ -248,6 +248,19 @@ def test_the_command_adds_shards(first, tmp_path, monkeypatch, told):
     assert "nothing to add" in told(2, "release", first, "growing", "--shard", "two")
 
 
+def test_facts_about_a_release_change_without_new_runs(first: Path, grown: Path) -> None:
+    before = files(grown)
+    about = About(budget_note="Rankings at 5 million steps agree.")
+    add_to_release(first, "growing", "note", grown.parent, about=about)
+    described = {"README.md", "croissant.json", "baseline.json"}
+    assert {name for name, content in files(grown).items() if before.get(name) != content} == described
+    baseline = find_baseline(grown)
+    assert (baseline.manifest.core, baseline.manifest.budget_note) == (("batch",), about.budget_note)
+    assert verify(grown).whole
+    for name in ("README.md", "croissant.json"):
+        assert about.budget_note in (grown / name).read_text()
+
+
 def test_the_policy_of_the_run_in_the_middle_of_each_cell_is_released(tmp_path: Path) -> None:
     root, rng = batch(tmp_path / "root", range(4)), np.random.default_rng(0)
     space = gymnasium.spaces.Box(-1, 1, (24,))

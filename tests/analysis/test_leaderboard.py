@@ -15,6 +15,7 @@ from views import Told, printed
 
 import analysis
 from analysis.baselines import BaselineError, add_to_release, find_baseline, release
+from analysis.baselines.catalogue import BASELINE_FILE, read
 from analysis.baselines.verification import lacking
 from analysis.charts.base import Curve
 from analysis.charts.catalogue import trained_steps_chart
@@ -24,7 +25,7 @@ from analysis.claims.agreement import agreements
 from analysis.commands.leaderboards import difference_charts, markdown, show_leaderboards
 from analysis.commands.releases import findings
 from analysis.comparisons.comparison import Measurements
-from analysis.comparisons.leaderboards import leaderboards
+from analysis.comparisons.leaderboards import leaderboards, notes
 from analysis.comparisons.pairwise import over_challenges
 from analysis.data.loading import load
 from analysis.data.reference import paper_frame
@@ -205,6 +206,21 @@ def test_the_answer_and_its_picture_come_before_the_table(released: Path) -> Non
     names = [label(entry.teacher) for entry in board.entries if entry.against]
     assert [text for text in shown if text in map(label, TEACHERS)] == names
     assert {"In the end", "Sooner"} <= set(shown)
+
+
+def test_notes_of_a_release_are_with_leaderboards_of_its_runs(released: Path, tmp_path: Path) -> None:
+    note = "Rankings at 5 million steps agree."
+    annotated = Path(shutil.copytree(released, tmp_path / "annotated"))
+    manifest = find_baseline(released).manifest
+    (annotated / BASELINE_FILE).write_bytes(replace(manifest, budget_note=note).to_bytes())
+    for steps in (STEPS, STEPS // 2):
+        own = SyntheticCampaign(tmp_path / f"own_{steps}", experiment=CHALLENGES[0], steps=steps)
+        own.seeds("plr", [40, 50], 100, level="high", challenge=CHALLENGES[0], **NAMES)
+        boards = leaderboards(read([annotated, own.root]))
+        noted = {int(board.runs["steps"].iloc[0]): note in notes(board) for board in boards}
+        assert noted == {STEPS: True, steps: steps == STEPS}
+    assert note in markdown(str(annotated))
+    assert note not in markdown(str(released))
 
 
 def test_a_newcomer_leaves_the_core_as_it_is(root: Path, tmp_path: Path) -> None:

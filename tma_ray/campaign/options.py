@@ -431,7 +431,7 @@ class TrialOptions(ExecutionOptions):
     """Options of a trial.
 
     Attributes:
-        against: release to compare with (default: the newest that ships and whose core is whole)
+        against: release to compare with (default: the newest complete one with the budget of tier lite)
         cells: cells of it: challenges, or challenge/body where it has several bodies (default: all)
         margin: difference that does not matter, of tasks mastered over training (default: 2.5)
         budget: time that it may take here (default: none)

@@ -70,6 +70,7 @@ def release(
     shard: Name | None = None,
     core: Annotated[tuple[str, ...], value(names, "NAME,...")] = (),
     gaps: Annotated[str, value(named("a sentence"), "TEXT")] = "",
+    budget_note: Annotated[str, value(named("a sentence"), "TEXT")] = "",
 ) -> int:
     """Pack a finished campaign as a baseline for others.
 
@@ -86,6 +87,7 @@ def release(
         shard: name of files that add the finished runs that the release lacks, lean (default: pack all)
         core: campaigns that 'tma-ray campaign --like' repeats (default: all)
         gaps: campaigns that the release is to have and that have not begun, for its card (default: none)
+        budget_note: how its rankings agree with those at longer budgets, for its leaderboards (default: none)
 
     Examples:
         tma-ray release results mine-1.0 --licence CC-BY-4.0
@@ -99,7 +101,7 @@ def release(
 
     if policies and (shard or lean):
         raise ValueError("--policies makes a lean release of its own: leave --lean and --shard out")
-    about = About(core, gaps)
+    about = About(core, gaps, budget_note)
 
     def packed(folder: Path) -> Path:
         if shard:
