@@ -51,7 +51,7 @@ class AgainstRandom:
     newcomer: bool  # True if the teacher is not in the core, and therefore tested alone
     across: Mapping[str, Any]  # conditions: values of `ACROSS`
     challenges: int  # number of challenges
-    fewest: int  # minimum number of runs of either teacher on a challenge
+    fewest: int  # minimum number of runs of either teacher in a stratum
     gaps: Mapping[str, Gap]  # differences by measure; `TRAINED` only below `NEARLY_ALL` % of trained steps
 
     @property

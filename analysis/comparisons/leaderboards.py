@@ -6,7 +6,7 @@ In all functions `runs` are rows from `pooling.pool_runs`, and `measure` is a co
 import itertools
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -71,7 +71,7 @@ class Leaderboard:
     """Teachers with results on the same challenges, at one level of expert knowledge and one budget.
 
     Attributes:
-        title: level, budget and engine; environments and conditions if they differ between leaderboards;
+        title: level, budget and engine; environment and conditions if they differ between leaderboards;
             number of challenges if it is not all of them.
         challenges: titles of the challenges.
         bodies: titles of the bodies if there is one challenge with several, such as Parkour's; else empty.
@@ -204,7 +204,7 @@ def leaderboards(
     for where, part in _blocks(runs, HEADLINE):
         if where["block"] and not subsets:
             continue
-        board = _board(where, part, frames, _distinction(where, part, runs))
+        board = _board(_heading(where, part, runs), part, frames)
         boards.setdefault(tuple(str(where[name]) for name in ACROSS), []).append(board)
     ordered = sorted(
         boards.values(), key=lambda group: -sum(e.ranks[HEADLINE].n for b in group for e in b.entries)
@@ -238,21 +238,41 @@ def challenge_sets(runs: pd.DataFrame) -> Iterator[tuple[pd.DataFrame, int]]:
         yield runs[challenges.isin(chosen) & runs["teacher"].isin(teachers)], len(expected)
 
 
+def _heading(where: Mapping[str, Any], part: pd.DataFrame, runs: pd.DataFrame) -> str:
+    """Return the title of the leaderboard of `part`, one of those of `runs`."""
+    version, challenges = where["physics_version"], where["challenges"]
+    phrases = [
+        *_environment(part, runs),
+        f"expert knowledge {where['expert_knowledge']}",
+        f"{steps_text(where['steps'])} steps",
+        f"{where['engine']} {version:g}" if version else where["engine"],
+        *_distinction(where, part, runs),
+    ]
+    heading = ", ".join(phrases)
+    if challenges == where["of"]:
+        return heading
+    teachers = part["teacher"].nunique()
+    return f"{heading}: the {teachers} teachers on {challenges} of {where['of']} challenges"
+
+
+def _environment(part: pd.DataFrame, runs: pd.DataFrame) -> list[str]:
+    """Return a phrase with the environments of `part`, or nothing if `runs` have the same ones."""
+    environments = sorted(part["environment"].unique())
+    whole = len(environments) == runs["environment"].nunique()
+    return [] if whole else [title("environment", tuple(environments))]
+
+
 def _distinction(where: Mapping[str, Any], part: pd.DataFrame, runs: pd.DataFrame) -> list[str]:
-    """Return phrases for the environments and conditions that distinguish `part` from the other `runs`."""
+    """Return phrases for the conditions that distinguish `part` from the other `runs`."""
     for name in ("expert_knowledge", "steps", "engine", "physics_version"):
         runs = runs[runs[name].astype(str) == str(where[name])]
-    environments = sorted(part["environment"].unique())
-    same = runs[runs["environment"].isin(environments)]
-    words = [title("environment", tuple(environments))] if len(same) < len(runs) else []
-    named = varying(same, ["mastery_threshold", "variant"])
+    same = runs[runs["environment"].isin(part["environment"].unique())]
     shorter = without_common_phrases(same["variant"])[part.index[0]]
-    return [*words, *condition_words(pd.Series({**where, "variant": shorter}), named)]
+    conditions = pd.Series({**where, "variant": shorter})
+    return condition_words(conditions, varying(same, ["mastery_threshold", "variant"]))
 
 
-def _board(
-    where: Mapping[str, Any], runs: pd.DataFrame, frames: Frames, distinction: Sequence[str]
-) -> Leaderboard:
+def _board(heading: str, runs: pd.DataFrame, frames: Frames) -> Leaderboard:
     by_challenge, by_body = _by_challenge(runs), _by_body(runs)
     results: dict[str, dict[str, dict[str, tuple[float, float, float]]]] = {}
     for axis, (name, part) in itertools.product(AXES, (by_challenge | by_body).items()):
@@ -272,12 +292,6 @@ def _board(
         for teacher in sorted(ranked[FINAL], key=lambda name: (-ranked[FINAL][name].mean, name))
     )
     budget_notes = frames.cells.loc[frames.cells["run_id"].isin(runs["run_id"]), "budget_note"].unique()
-    version, challenges = where["physics_version"], where["challenges"]
-    engine = f"{where['engine']} {version:g}" if version else where["engine"]
-    budget = f"{steps_text(where['steps'])} steps"
-    heading = ", ".join([f"expert knowledge {where['expert_knowledge']}", budget, engine, *distinction])
-    if challenges < where["of"]:
-        heading += f": the {len(entries)} teachers on {challenges} of {where['of']} challenges"
     return Leaderboard(
         title=heading,
         challenges=tuple(by_challenge),
@@ -377,11 +391,11 @@ def performance_profiles(runs: pd.DataFrame, measure: str = HEADLINE) -> Iterato
 
 
 def _titled_blocks(runs: pd.DataFrame, measure: str) -> Iterator[tuple[Mapping[str, Any], str, pd.DataFrame]]:
-    """Yield `_blocks` with their titles: level, conditions, and number of challenges if not all."""
+    """Yield `_blocks` with their titles: environment, level, conditions, number of challenges if not all."""
     named = [name for name in dict.fromkeys(["steps", *varying(runs)]) if name != "variant"]
     for where, part in _blocks(runs, measure):
-        words = [f"expert knowledge {where['expert_knowledge']}", *condition_words(pd.Series(where), named)]
-        words += _distinction(where, part, runs)
+        words = [*_environment(part, runs), f"expert knowledge {where['expert_knowledge']}"]
+        words += [*condition_words(pd.Series(where), named), *_distinction(where, part, runs)]
         if where["challenges"] < where["of"]:
             words.append(f"{where['challenges']} of {where['of']} challenges")
         yield where, ", ".join(dict.fromkeys(words)), part

@@ -103,7 +103,7 @@ def pairwise(
 
         - family: tests that are corrected together, `CORE`, `NEWCOMERS` or the name of a newcomer;
         - challenges: number of challenges that are compared;
-        - fewest: smallest number of runs of either group on a challenge;
+        - fewest: smallest number of runs of either group in a stratum (challenge, body and student);
         - uncounted: runs of both groups without the measure, or not yet at the step; the test is provisional
           if there are any;
         - detectable: smallest difference that as many runs with these standard deviations within strata
@@ -493,7 +493,7 @@ def _compared(
         weights = stratum_weights([key for key, _ in names])
         described = [(first.parts[name], second.parts[name]) for name in names]
         test = compared_over_strata(pairs, weights, seeds, [least[name] for name in names], described)
-    counts = [sum(map(len, strata[key].values())) for strata in (ours, others) for key in common]
+    counts = [len(runs) for strata in (ours, others) for key in common for runs in strata[key].values()]
     fewest = min(min(counts, default=0), test.n)  # test.n counts pairs, which may be fewer than runs
     uncounted = first.uncounted + second.uncounted
     scope = {"challenges": len(common), "fewest": fewest, "uncounted": uncounted, "detectable": math.nan}

@@ -40,7 +40,7 @@ class Rank:
     low: float  # lower end of the 95 % interval; NaN if a challenge has a single run
     high: float  # upper end of the interval
     n: int  # number of runs
-    fewest: int  # minimum number of runs of a ranked teacher on a challenge
+    fewest: int  # minimum number of runs of a ranked teacher in a stratum
     rank: int  # 1 for the highest mean
     of: int  # number of ranked teachers
     better: tuple[str, ...]  # teachers with a lower mean, p < 0.05 after Holm's correction

@@ -14,7 +14,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from analysis.charts.intervals import FEWEST_WITH_BAND, profile_chart
 from analysis.charts.page import on_page, packed, plotly_library
 from analysis.comparisons.leaderboards import THRESHOLDS, overall_rows, performance_profiles
-from analysis.data.columns import COMPARED, FILTERS
+from analysis.data.columns import COMPARED, FILTERS, PARTS
 from analysis.formatting import few_seeds_warning, plus_minus, steps_text
 from analysis.measures.tested import HEADLINE, QUANTITIES
 from analysis.names import challenge_title, label, mark_of, marked_label, teacher_order
@@ -160,6 +160,6 @@ def overall_section(runs: pd.DataFrame, measure: str = HEADLINE) -> dict[str, An
         "charts": list(map(on_page, profiles)),
         "quantity": quantity,
         "caveat": few_seeds_warning(
-            counted.groupby([*COMPARED, "teacher"], dropna=False)["run_id"].nunique().min()
+            counted.groupby([*COMPARED, *PARTS, "teacher"], dropna=False)["run_id"].nunique().min()
         ),
     }

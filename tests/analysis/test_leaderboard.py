@@ -171,7 +171,7 @@ def test_boards_have_titles_of_their_own(tmp_path: Path) -> None:
     assert {title for _, title in of_parkour.on_each_challenge(FINAL)} == set(of_parkour.columns)
     start = "expert knowledge low, 2 million steps, Chipmunk 1"
     found = {board.title: (len(board.challenges), board.entries[0].ranks[FINAL].n) for board in boards}
-    titles = (f"{start}, Parkour", f"{start}, Stump Tracks", f"{start}, Stump Tracks, ppo")
+    titles = (f"Parkour, {start}", f"Stump Tracks, {start}", f"Stump Tracks, {start}, ppo")
     assert found == dict(zip(titles, ((1, 6), (1, 2), (1, 2)), strict=True))
 
 

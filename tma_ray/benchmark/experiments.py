@@ -91,7 +91,7 @@ SIZES: dict[Tier, Size] = {
         points=12,
         steps={"stump_tracks": 2_000_000, "parkour": 6_000_000},
         excluded_bodies={
-            "climbing_chimpanzee": "Climbers are left out of this tier: in Parkour they master nothing, not "
+            "climbing_chimpanzee": "Climbers are left out of this tier: in Parkour they master few tasks, "
             "even at the paper's budget."
         },
         evaluation_interval=250_000,
