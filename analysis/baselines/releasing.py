@@ -156,11 +156,12 @@ def _complete(draft: BaselineManifest, folder: Path, copied: results.Copy | resu
     manifest = _with_contents(draft, frames, copied)
     made = origin(frames, manifest.physics_versions)
     tables = (table for group in table_results(frames) for table in result_tables(group))
-    filled = [path for path in store.files(results.TABLES) if pq.read_metadata(folder / path).num_rows]
+    parquet = {path: pq.read_metadata(folder / path) for path in store.files(results.TABLES)}
+    filled = [path for path, content in parquet.items() if content.num_rows]
     text = card(manifest, made, tables, ceilings=ceiling_sentences(frames), paths=filled)
     (folder / CARD_FILE).write_text(text, encoding="utf-8")
     files = tuple(BaselineFile.of(store, path) for path in store.files())
-    columns = {path: set(pq.read_schema(folder / path).names) for path in store.files(results.TABLES)}
+    columns = {path: set(content.schema.to_arrow_schema().names) for path, content in parquet.items()}
     metadata = json.dumps(croissant(manifest, files, made, columns), indent=1, ensure_ascii=False)
     (folder / CROISSANT_FILE).write_text(f"{metadata}\n", encoding="utf-8")
     files = tuple(BaselineFile.of(store, path) for path in store.files())
