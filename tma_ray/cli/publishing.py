@@ -87,7 +87,7 @@ def release(
         shard: name of files that add the finished runs that the release lacks, lean (default: pack all)
         core: campaigns that 'tma-ray campaign --like' repeats (default: all)
         gaps: campaigns that the release is to have and that have not begun, for its card (default: none)
-        budget_note: how its rankings agree with those at longer budgets, for its leaderboards (default: none)
+        budget_note: sentence about its rankings at longer budgets, for its leaderboards (default: none)
 
     Examples:
         tma-ray release results mine-1.0 --licence CC-BY-4.0
