@@ -38,6 +38,10 @@ RELEASE, STUDENT = "lite-2", "ppo:preset=decisive"
 TRIALS = 1_000
 """Number of simulated trials of each teacher."""
 
+SAVED, LOST = 0.2, 1.0
+"""Smallest saving of core-hours, as a share, and largest loss of decided trials, in points, with which a set
+of fewer cells is recommended."""
+
 MILLIONS = 2, 3, 4, 5, 6
 """Budgets evaluated in Parkour, in millions of steps; Stump Tracks has 2 million."""
 
@@ -202,6 +206,18 @@ def measure(trials: int) -> pd.DataFrame:
         )
         rows.append(row("; ".join(cell.name for cell in chosen), chosen, tracks) | simulated(chosen, trials))
     return pd.DataFrame(rows)
+
+
+def recommended(table: pd.DataFrame) -> list[str]:
+    """Return the cells of the cheapest trial that decides about as often as one on all cells.
+
+    Those are all cells if no smaller set saves `SAVED`, or if each loses more than `LOST`.
+    """
+    sets = table.dropna(subset=["core-hours of a trial"])
+    hours, decided = sets["core-hours of a trial"], sets["decided against Random, %"]
+    usable = (hours <= (1 - SAVED) * hours.iloc[-1]) & (decided >= decided.iloc[-1] - LOST)
+    usable.iloc[-1] = True
+    return str(sets.loc[hours[usable].idxmin(), "cells"]).split("; ")
 
 
 def main() -> None:

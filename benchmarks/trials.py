@@ -23,7 +23,8 @@ TRIALS = 4_000
 SEED = 2026
 """Seed of the trials, different from `SIMULATION_SEED`."""
 
-CELLS = ((), ("original", "diverse_students/spider"), ("original",), ("rugged_difficulty",))
+CELLS = (("original", "diverse_students/spider"), ("original",), ("rugged_difficulty",))
+"""Sets of cells beside all cells and those of the release's trials."""
 
 
 def row(setting: Setting, end: Setting, factor: float, trials: int) -> dict[str, object]:
@@ -75,7 +76,7 @@ def main() -> None:
     frames = baseline.frames()
     released = released_runs(frames)
     rows = []
-    for names in CELLS:
+    for names in dict.fromkeys(((), baseline.manifest.trial_cells, *CELLS)):
         design = make_design("trial", baseline, frames, cells=names)
         settings = setting_of(design, released), setting_of(design, released, FINAL)
         rows += [

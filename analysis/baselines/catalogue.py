@@ -73,11 +73,14 @@ class About:
             all.
         gaps: text about planned campaigns that have not begun; empty for that of the previous manifest.
         budget_note: sentence about rankings at longer budgets; empty for that of the previous manifest.
+        trial_cells: default cells of trials, as ``challenge`` or ``challenge/body``; empty for those of the
+            previous manifest, or all.
     """
 
     core: tuple[str, ...] = ()
     gaps: str = ""
     budget_note: str = ""
+    trial_cells: tuple[str, ...] = ()
 
 
 DEFAULT_ABOUT: Final = About()
@@ -108,6 +111,7 @@ class BaselineManifest:
         gaps: text about planned campaigns that have not begun; empty for none.
         budget_note: sentence about the agreement of its rankings with those at longer budgets, shown with
             its leaderboards; empty if unknown.
+        trial_cells: default cells of trials, named as by `reference.random_cells`; empty for all.
     """
 
     name: str
@@ -128,6 +132,7 @@ class BaselineManifest:
     done: Mapping[str, Natural] = field(default_factory=dict)
     gaps: str = ""
     budget_note: str = ""
+    trial_cells: tuple[str, ...] = ()
 
     @property
     def citation(self) -> str:

@@ -27,6 +27,7 @@ from analysis.baselines.description import CARD_FILE, CROISSANT_FILE, card, croi
 from analysis.baselines.verification import verify
 from analysis.data.frames import STATUSES, Frames
 from analysis.data.loading import load
+from analysis.data.reference import random_cells
 from analysis.measures.evaluations import ceiling_sentences
 from analysis.measures.run_measures import run_measures
 from analysis.measures.tested import HEADLINE
@@ -136,6 +137,7 @@ def _draft(
         planned=dict(sorted(planned.items())),
         gaps=about.gaps or (before.gaps if before else ""),
         budget_note=about.budget_note or (before.budget_note if before else ""),
+        trial_cells=about.trial_cells or (before.trial_cells if before else ()),
     )
 
 
@@ -144,7 +146,7 @@ def _complete(draft: BaselineManifest, folder: Path, copied: results.Copy | resu
 
     Raises:
         BaselineError: if the release is damaged.
-        ValueError: if a campaign of the core is missing.
+        ValueError: if a campaign of the core or a cell of trials is missing.
     """
     store = results.Store.open(folder)
     (folder / "tmp").rmdir()
@@ -153,6 +155,8 @@ def _complete(draft: BaselineManifest, folder: Path, copied: results.Copy | resu
     frames = load(folder)
     for campaign in draft.core:
         check_known("campaign", campaign, set(frames.cells["campaign"]), "the release has")
+    for cell in draft.trial_cells:
+        check_known("cell", cell, random_cells(frames.with_core(draft.core).cells), "the release has")
     manifest = _with_contents(draft, frames, copied)
     made = origin(frames, manifest.physics_versions)
     tables = (table for group in table_results(frames) for table in result_tables(group))

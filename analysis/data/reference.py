@@ -1,5 +1,6 @@
 """References for comparisons: the baseline teacher Random, teachers of a core, and published results."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
@@ -7,6 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from analysis.data.columns import CELL_COLUMNS
 from tma_ray.benchmark import paper_results
 from tma_ray.results import BOX2D, Store, read_published
 from tma_ray.tasks import KnowledgeLevel
@@ -24,6 +26,23 @@ def is_baseline(teacher: str) -> bool:
 def baseline_rows(rows: pd.DataFrame) -> pd.DataFrame:
     """Return the rows of Random."""
     return rows[rows["teacher"].isin(list(filter(is_baseline, rows["teacher"].unique())))]
+
+
+def random_cells(cells: pd.DataFrame) -> dict[str, tuple[str, ...]]:
+    """Return the values of `CELL_COLUMNS` by cell name, for Random's cells at the highest knowledge level.
+
+    Only cells of core campaigns count. A cell is named after its challenge, followed by ``/body`` if the
+    challenge has several bodies and preceded by ``environment/`` if another environment has a cell of the
+    same name.
+    """
+    rows = baseline_rows(cells[cells["core"]])
+    keys = {tuple(map(str, row)) for row in rows[CELL_COLUMNS].itertuples(index=False)}
+    rising = sorted(keys, key=lambda key: (key[:-1], KnowledgeLevel(key[-1]).rank))
+    highest = {key[:-1]: key for key in rising}.values()
+    bodies = Counter(key[:2] for key in highest)
+    named = [(key[1] if bodies[key[:2]] == 1 else f"{key[1]}/{key[2]}", key) for key in highest]
+    alike = Counter(name for name, _ in named)
+    return {name if alike[name] == 1 else f"{key[0]}/{name}": key for name, key in named}
 
 
 def core_of(runs: pd.DataFrame) -> frozenset[str]:

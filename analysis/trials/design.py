@@ -14,7 +14,7 @@ from scipy import optimize
 from analysis.baselines.catalogue import Baseline
 from analysis.data.columns import CELL_COLUMNS
 from analysis.data.frames import Frames
-from analysis.data.reference import BASELINE, is_baseline
+from analysis.data.reference import BASELINE, is_baseline, random_cells
 from analysis.measures.run_measures import NOT_FINITE, run_measures
 from analysis.measures.tested import AREA_MARGIN, FINAL, HEADLINE
 from analysis.statistics import Scale, describe, least_variance, stratum_weights
@@ -22,10 +22,9 @@ from analysis.statistics.power import POWER
 from analysis.statistics.samples import deviations, negligible
 from analysis.trials import rules
 from analysis.trials.boundaries import crossing
-from tma_ray.support.component_names import nearest
 from tma_ray.support.decoding import decode_json
 from tma_ray.support.texts import counted
-from tma_ray.tasks import KnowledgeLevel
+from tma_ray.support.validation import check_known
 
 SCALES = {HEADLINE: Scale.ARCSINE, FINAL: Scale.PERCENT}
 """Scale on which each measure of a trial is tested: first the measure that the trial is designed for, whose
@@ -57,7 +56,7 @@ class Spread:
 class TrialCell:
     """Cell of a trial, with its weight, its cost, and the spread of results in the release."""
 
-    name: str  # name of the challenge, with the embodiment if the release has several
+    name: str  # name by `reference.random_cells`
     environment: str
     challenge: str
     embodiment: str
@@ -230,17 +229,19 @@ def make_design(
         baseline: release.
         frames: frames of the release.
         margin: equivalence margin, in points.
-        cells: names of cells, as in `TrialCell`; all by default.
+        cells: names of cells by `reference.random_cells`; all by default.
         looks: number of the new teacher's seeds per cell at each look.
 
     Raises:
         ValueError: if a cell is unknown, the references have too few runs or no spread between seeds, or
             verdicts would be wrong too often.
     """
-    released, core = released_runs(frames), baseline.manifest.core
+    released, name = released_runs(frames), baseline.manifest.name
     released = released[released["teacher"] != teacher]
-    in_core = frames.cells[frames.cells["campaign"].isin(core)] if core else frames.cells
-    keys, name = _cell_keys(in_core, cells), baseline.manifest.name
+    keys = random_cells(frames.cells)
+    for cell in cells:
+        check_known("cell", cell, keys, f"{name} has")
+    keys = {cell: key for cell, key in keys.items() if not cells or cell in cells}
     best, candidates = _best(released, list(keys.values()), name)
     first = int(released.loc[released["teacher"].isin([BASELINE, best]), "seed"].max()) + 1
     seeds = tuple(range(first, first + looks[-1]))
@@ -260,22 +261,6 @@ def make_design(
     raise ValueError(
         f"verdicts in these cells would be wrong in {100 * wrong:.1f} % of trials: choose more of them"
     )
-
-
-def _cell_keys(cells: pd.DataFrame, names: Collection[str]) -> dict[str, tuple[str, ...]]:
-    """Return the values of `CELL_COLUMNS` by cell name, for Random's cells at the highest knowledge level."""
-    rows = cells[cells["teacher"].map(lambda name: is_baseline(str(name)))]
-    keys = {tuple(map(str, row)) for row in rows[CELL_COLUMNS].itertuples(index=False)}
-    rising = sorted(keys, key=lambda key: (key[:-1], KnowledgeLevel(key[-1]).rank))
-    highest = {key[:-1]: key for key in rising}.values()
-    challenges = [key[:2] for key in highest]
-    by_name = {key[1] if challenges.count(key[:2]) == 1 else f"{key[1]}/{key[2]}": key for key in highest}
-    for name in names:
-        if name not in by_name:
-            raise ValueError(
-                f"the release has no cell {name!r}: {nearest(name, by_name)}it has {', '.join(by_name)}"
-            )
-    return {name: key for name, key in by_name.items() if not names or name in names}
 
 
 def _cells(

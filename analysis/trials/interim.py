@@ -252,7 +252,7 @@ def plan_lines(design: Design, released: pd.DataFrame) -> Iterator[str]:
     )
     yield f"trial of {label(design.teacher)} against {design.release}"
     yield f"  compared with: Random, and {label(design.best)}, {others} there"
-    yield f"  {counted(len(cells), 'cell')}, in this order: {', '.join(cell.name for cell in cells)}"
+    yield f"  {counted(len(cells), 'cell')}, in this order: {_cell_names(design)}"
     yield (
         f"  looks after {_looks(design)} seeds of every cell (seeds {seeds[0]} to {seeds[-1]}): "
         f"{', '.join(str(count * len(cells)) for count in looks)} runs, at most {looks[-1] * len(cells)}"
@@ -319,8 +319,8 @@ def sentence(design: Design, look: InterimLook) -> str:
         ]
         parts.append(f"beside {name}: {_verdict(pair)} ({', '.join(numbers)})")
     return (
-        f"Over {counted(len(design.cells), 'cell')} of {design.release}, {label(design.teacher)} "
-        f"{'; '.join(parts)}; "
+        f"Over {counted(len(design.cells), 'cell')} of {design.release} ({_cell_names(design)}), "
+        f"{label(design.teacher)} {'; '.join(parts)}; "
         f"in {_quantity(design)}, after {look.seeds} of at most {design.looks[-1]} seeds of each cell: a "
         f"group-sequential test with repeated confidence intervals, whose verdicts are wrong in at most "
         f"{100 * ERROR:.0f} % of trials; {_margins(design)}."
@@ -367,7 +367,7 @@ def latex_row(design: Design, look: InterimLook) -> str:
 
 def methods(design: Design, look: InterimLook, versions: str) -> str:
     """Return the methods paragraph of a paper, with the numbers of the trial."""
-    cells, runs = ", ".join(cell.name for cell in design.cells), look.seeds * len(design.cells)
+    runs = look.seeds * len(design.cells)
     old = any(cell.weight is None for cell in design.cells)
     weighting = "cells of equal weight" if old else "challenges of equal weight, the bodies of each equal"
     beside = (
@@ -375,9 +375,9 @@ def methods(design: Design, look: InterimLook, versions: str) -> str:
     )
     return (
         f"{label(design.teacher)} was tried against the release {design.release} on "
-        f"{counted(len(design.cells), 'cell')} ({cells}) by a group-sequential design that was fixed before "
-        f"the first run. Looks were planned after {_looks(design)} seeds of every cell; it ended after "
-        f"{look.seeds} (seeds {design.seeds[0]} to {design.seeds[look.seeds - 1]}, {runs} runs; "
+        f"{counted(len(design.cells), 'cell')} ({_cell_names(design)}) by a group-sequential design that was "
+        f"fixed before the first run. Looks were planned after {_looks(design)} seeds of every cell; it ended "
+        f"after {look.seeds} (seeds {design.seeds[0]} to {design.seeds[look.seeds - 1]}, {runs} runs; "
         f"{REASONS.get(look.ending, 'going on')}). The measure is the mean percentage of mastered test tasks "
         f"over training, on the arcsine scale. {beside if FINAL in design.axes else ''}Differences are means "
         f"over {weighting}, with "
@@ -393,6 +393,10 @@ def methods(design: Design, look: InterimLook, versions: str) -> str:
         f"were wrong in {100 * design.simulated_error:.1f} %. Estimates are median-unbiased by the "
         f"stagewise order. {versions}"
     )
+
+
+def _cell_names(design: Design) -> str:
+    return ", ".join(cell.name for cell in design.cells)
 
 
 def _looks(design: Design) -> str:

@@ -250,15 +250,23 @@ def test_the_command_adds_shards(first, tmp_path, monkeypatch, told):
 
 def test_facts_about_a_release_change_without_new_runs(first: Path, grown: Path) -> None:
     before = files(grown)
-    about = About(budget_note="Rankings at 5 million steps agree.")
+    about = About(budget_note="Rankings at 5 million steps agree.", trial_cells=("original",))
     add_to_release(first, "growing", "note", grown.parent, about=about)
     described = {"README.md", "croissant.json", "baseline.json"}
     assert {name for name, content in files(grown).items() if before.get(name) != content} == described
     baseline = find_baseline(grown)
-    assert (baseline.manifest.core, baseline.manifest.budget_note) == (("batch",), about.budget_note)
+    facts = baseline.manifest.core, baseline.manifest.budget_note, baseline.manifest.trial_cells
+    assert facts == (("batch",), about.budget_note, about.trial_cells)
     assert verify(grown).whole
     for name in ("README.md", "croissant.json"):
         assert about.budget_note in (grown / name).read_text()
+
+
+def test_a_cell_of_trials_that_the_release_lacks_is_refused(first: Path, grown: Path) -> None:
+    before = files(grown)
+    with pytest.raises(ValueError, match="no cell 'orignal': did you mean 'original'"):
+        add_to_release(first, "growing", "note", grown.parent, about=About(trial_cells=("orignal",)))
+    assert files(grown) == before
 
 
 def test_the_policy_of_the_run_in_the_middle_of_each_cell_is_released(tmp_path: Path) -> None:

@@ -131,6 +131,30 @@ def test_the_plan_is_told_before_it_is_spent(tmp_path: Path, capsys: pytest.Capt
     assert not folder.exists()
 
 
+@pytest.mark.parametrize(
+    ("cells", "planned"),
+    [
+        ([], "3 cells, in this order: forgetting_student, mostly_unfeasible, original"),
+        (["--cells", "all"], "7 cells, in this order: forgetting_student"),
+        (["--cells", "original"], "1 cell, in this order: original"),
+    ],
+)
+def test_a_trial_has_the_cells_of_its_release_unless_others_are_chosen(cells, planned, tmp_path, capsys):
+    command = ["trial", "sobol", *cells, "--dry-run", "--local", "--results", str(tmp_path / "results")]
+    assert main([*command, "--against", "lite-2"]) == 0
+    said = capsys.readouterr().out
+    assert planned in said
+    assert ("default cells of trials against lite-2" in said) == (not cells)
+
+
+def test_a_trial_that_has_begun_keeps_its_cells(planned: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["trial", "sobol", "--simulated", "--dry-run", "--results", str(planned)]) == 0
+    assert "1 cell, in this order: original" in capsys.readouterr().out
+    every = ["trial", "sobol", "--simulated", "--dry-run", "--cells", "all", "--results", str(planned)]
+    assert main(every) == 2
+    assert "cells:" in capsys.readouterr().err
+
+
 def test_a_teacher_whose_limits_are_exceeded_is_refused_before_it_writes(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(TEACHERS.get("sobol"), "most_dimensions", 1)
     folder = tmp_path / "results"

@@ -432,7 +432,8 @@ class TrialOptions(ExecutionOptions):
 
     Attributes:
         against: release to compare with (default: the newest complete one with the budget of tier lite)
-        cells: cells of it: challenges, or challenge/body where it has several bodies (default: all)
+        cells: cells of it: challenges, or challenge/body where it has several bodies; 'all' for all (default:
+            its default cells)
         margin: difference that does not matter, of tasks mastered over training (default: 2.5)
         budget: time that it may take here (default: none)
         simulated: rehearse it on simulated students: the same design, minutes instead of hours

@@ -71,6 +71,7 @@ def release(
     core: Annotated[tuple[str, ...], value(names, "NAME,...")] = (),
     gaps: Annotated[str, value(named("a sentence"), "TEXT")] = "",
     budget_note: Annotated[str, value(named("a sentence"), "TEXT")] = "",
+    trial_cells: Annotated[tuple[str, ...], value(names, "NAME,...")] = (),
 ) -> int:
     """Pack a finished campaign as a baseline for others.
 
@@ -88,6 +89,7 @@ def release(
         core: campaigns that 'tma-ray campaign --like' repeats (default: all)
         gaps: campaigns that the release is to have and that have not begun, for its card (default: none)
         budget_note: sentence about its rankings at longer budgets, for its leaderboards (default: none)
+        trial_cells: default cells of trials against it, as by 'tma-ray trial --cells' (default: all)
 
     Examples:
         tma-ray release results mine-1.0 --licence CC-BY-4.0
@@ -101,7 +103,7 @@ def release(
 
     if policies and (shard or lean):
         raise ValueError("--policies makes a lean release of its own: leave --lean and --shard out")
-    about = About(core, gaps, budget_note)
+    about = About(core, gaps, budget_note, trial_cells)
 
     def packed(folder: Path) -> Path:
         if shard:

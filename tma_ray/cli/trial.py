@@ -25,8 +25,11 @@ if TYPE_CHECKING:
     from analysis.trials.interim import InterimLook
     from tma_ray.campaign.plan import Plan
 
-REHEARSED, REHEARSED_CELLS = "simulated-1", ("original", "mostly_unfeasible")
-"""Release and cells of rehearsals on simulated students."""
+REHEARSED = "simulated-1"
+"""Release of rehearsals on simulated students."""
+
+ALL_CELLS = ("all",)
+"""Value of ``--cells`` for all cells of the release."""
 
 PAGE = "trial"  # folder of the page in the results root
 
@@ -62,11 +65,13 @@ def trial(name: Name, /, *, options: TrialOptions = TrialOptions()) -> int:
     against = options.against or (before.release if before else REHEARSED if options.simulated else "")
     baseline = find_baseline(against) if against else newest_release()
     frames = baseline.frames()
-    cells = options.cells or (REHEARSED_CELLS if options.simulated else ())
+    cells = options.cells or baseline.manifest.trial_cells
     margin = options.margin or AREA_MARGIN
     if before:
         cells = options.cells or tuple(cell.name for cell in before.cells)
         margin = options.margin or before.margin
+    if cells == ALL_CELLS:
+        cells = ()
     released = released_runs(frames)
     if before and before.is_asked_for(teacher, baseline.manifest.name, cells, margin):
         design = before.renewed(released)
@@ -91,6 +96,8 @@ def trial(name: Name, /, *, options: TrialOptions = TrialOptions()) -> int:
     design = before or design
     for line in plan_lines(design, released):
         print_line(line)
+    if {cell.name for cell in design.cells} == set(baseline.manifest.trial_cells):
+        print_line(f"  these are the default cells of trials against {design.release}; --cells all takes all")
     return _started(options, _Trial(store, design, released, frames), plans)
 
 
