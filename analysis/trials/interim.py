@@ -376,8 +376,8 @@ def methods(design: Design, look: InterimLook, versions: str) -> str:
     return (
         f"{label(design.teacher)} was tried against the release {design.release} on "
         f"{counted(len(design.cells), 'cell')} ({_cell_names(design)}) by a group-sequential design that was "
-        f"fixed before the first run. Looks were planned after {_looks(design)} seeds of every cell; it ended "
-        f"after {look.seeds} (seeds {design.seeds[0]} to {design.seeds[look.seeds - 1]}, {runs} runs; "
+        f"fixed before the first run. Looks were planned after {_looks(design)} seeds of every cell; it "
+        f"ended after {look.seeds} (seeds {design.seeds[0]} to {design.seeds[look.seeds - 1]}, {runs} runs; "
         f"{REASONS.get(look.ending, 'going on')}). The measure is the mean percentage of mastered test tasks "
         f"over training, on the arcsine scale. {beside if FINAL in design.axes else ''}Differences are means "
         f"over {weighting}, with "
