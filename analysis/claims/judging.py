@@ -208,8 +208,8 @@ def _(statement: Ranked, source: Source, levels: Levels) -> Finding:
         standing = Standing.SUPPORTED
     rank = 1 + sum(other.description.mean > sample.description.mean for other in others.values())
     evidence = (
-        f"{_name(statement.reading, levels)}: place {rank} of {len(others) + 1} by mean; better are "
-        f"{ahead[Standing.SUPPORTED]} for certain, {ahead[Standing.UNDECIDED]} perhaps"
+        f"{_name(statement.reading, levels)}: place {rank} of {len(others) + 1} by mean; "
+        f"{ahead[Standing.SUPPORTED]} better, {ahead[Standing.UNDECIDED]} undecided"
     )
     return Finding(standing, evidence)
 
@@ -222,7 +222,7 @@ def _(statement: Scaled, source: Source, levels: Levels) -> Finding:
     factor, test = statement.factor, first.test(second.times(statement.factor))
     evidence = (
         f"{_name(statement.first, levels)}: {number(first.description.mean)} % and "
-        f"{number(second.description.mean)} %; above {factor:g} times that by {number(test.difference)} "
+        f"{number(second.description.mean)} %; first less {factor:g} times second {number(test.difference)} "
         f"{interval_text(test.low, test.high)}"
     )
     return Finding(greater(test.low, test.high, 0.0), evidence)

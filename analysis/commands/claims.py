@@ -27,13 +27,13 @@ STYLES = {
 
 EXPLAINED = (
     "Claims are about the paper's measure: test tasks mastered at the last evaluation.",
-    f"A statement is supported where a 95 % interval rules out its contrary, against a margin of "
-    f"{DEFAULT_MARGIN:g} points of mastered tasks, and refuted where it rules out the statement; "
-    f"else it is undecided.",
-    "A claim is about the paper's students and budget. What other ones rule out is not seen here.",
-    "A claim holds if as many of its statements do as it needs: all, or those that it counts.",
-    "Tests compare teachers within each body and student, which count equally.",
-    "Statements that come to the same runs, as at levels of knowledge that a teacher does not use, are one.",
+    f"A statement is supported where a 95 % interval excludes its contrary, with a margin of "
+    f"{DEFAULT_MARGIN:g} points of mastered tasks, and refuted where it excludes the statement; "
+    f"otherwise it is undecided.",
+    "With other students or budgets than the paper's, a statement is not refuted but not seen here.",
+    "A claim holds if enough of its statements do: all of them, or the number that the claim gives.",
+    "Tests compare teachers within each body and student, with equal weights.",
+    "Statements about the same runs, as at levels of knowledge that a teacher does not use, count once.",
 )
 """Definitions of the words in the table."""
 

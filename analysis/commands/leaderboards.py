@@ -207,7 +207,7 @@ def trials_markdown(location: str) -> Iterator[str]:
             row.append(f"{number(result.value)} {interval_text(result.low, result.high)}, {result.verdict}")
         rows.append(row)
     if rows:
-        yield "Of teachers that joined by a [trial](trials.md) its verdicts count, against two opponents:"
+        yield "Verdicts of the [trials](trials.md) by which teachers joined, against two references:"
         yield pipe_table(head, rows)
 
 

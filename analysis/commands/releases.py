@@ -62,9 +62,10 @@ def show_verification(name: str | Path, console: Console | None = None) -> bool:
 
 TAU = (
     "Kendall's tau-b between the order of the teachers' means here and in the paper's tables: 1 is the same "
-    "order, 0 none, -1 the reverse. The 95 % interval is a bootstrap over runs, for the paper's tables over "
-    "normal ones of their means and deviations: what as many other runs would give. Noise moves tau towards "
-    "0, so that the order of true means may agree better; an interval with 0 in it decides nothing."
+    "order, 0 none, -1 the reverse. The 95 % interval is a bootstrap over runs, and over normal runs with "
+    "the means and deviations of the paper's tables: the range that as many other runs would give. Noise "
+    "moves tau towards 0, so that the order of true means may agree better; an interval that contains 0 "
+    "decides nothing."
 )
 
 
@@ -92,10 +93,10 @@ def findings(name: str) -> str:
         f"each, simulated by Box2D.{partial}",
         "## Claims",
         f"Of {len(verdicts)} claims: {summary}. A statement is supported where a 95 % "
-        f"interval rules out its contrary, against a margin of {DEFAULT_MARGIN:g} points of mastered tasks, "
-        f"within each body and student; what it rules out is not seen here, and refuted under the paper's "
-        f"conditions only; else it is undecided. No data: the release lacks a level, body or teacher of the "
-        f"claim. Statements that come to the same runs are one.",
+        f"interval excludes its contrary, with a margin of {DEFAULT_MARGIN:g} points of mastered tasks, "
+        f"within each body and student. A statement that the interval excludes is refuted under the paper's "
+        f"conditions, and not seen here under others; otherwise it is undecided. No data: the release lacks "
+        f"a level, body or teacher of the claim. Statements about the same runs count once.",
         pipe_table(["claim", "in the paper", "standing", "statements"], rows),
         "## The paper's order of teachers",
         TAU,

@@ -150,7 +150,7 @@ class Leaderboard:
     def _named(self, chances: Mapping[str, float]) -> str:
         names = " or ".join(self.names[teacher] for teacher in chances)
         chance = f"probability {number(min(sum(chances.values()), 0.99), 2)}"
-        return f"{names} ({chance}{', not told apart' if len(chances) > 1 else ''})"
+        return f"{names} ({chance}{', not distinguishable' if len(chances) > 1 else ''})"
 
 
 def notes(board: Leaderboard) -> list[str]:

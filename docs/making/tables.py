@@ -124,8 +124,10 @@ def hyperparameters(kind: type) -> str:
 def teacher(name: str) -> str:
     """Return the levels of expert knowledge that a teacher uses, and its hyper-parameters."""
     kind = TEACHERS.get(name)
-    needed, levels = kind.knowledge_levels[0], ", ".join(kind.knowledge_levels)
-    line = f"`{name}`, needs at least: {needed}; tells apart: {levels}."
+    least, *higher = kind.knowledge_levels
+    needs = "no expert knowledge" if least is KnowledgeLevel.NONE else f"expert knowledge of level {least}"
+    use = f"behaves differently at level {' or '.join(higher)}" if higher else "uses no other"
+    line = f"`{name}` needs {needs}, and {use}."
     has_any = any(field.init for field in dataclasses.fields(kind))
     return f"{line}\n\n{hyperparameters(kind)}" if has_any else f"{line} It has no hyper-parameters."
 
