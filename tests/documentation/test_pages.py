@@ -124,6 +124,17 @@ def test_links_lead_somewhere(page: str) -> None:
         assert not anchor or anchor in anchors(path.relative_to(ROOT).as_posix()), f"{page}: {target}"
 
 
+FILE = re.compile(
+    r"\b(?:analysis|benchmarks|docs|examples|experiments|notebooks|tests|tma_ray)/[\w/.-]*\.(?:py|csv|json|md|sh|toml)\b"
+)
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_files_of_the_project_that_a_page_names_exist(page: str) -> None:
+    missing = {path for path in FILE.findall((ROOT / page).read_text()) if not (ROOT / path).exists()}
+    assert not missing, f"{page}: {missing}"
+
+
 @pytest.mark.parametrize("page", PAGES)
 def test_pictures_are_there_and_small(page: str) -> None:
     for picture in re.findall(r"!\[.+?\]\((.+?)\)", (ROOT / page).read_text()):
