@@ -2,8 +2,8 @@
 
     python benchmarks/trial_cells.py > benchmarks/measured/trial_cells.csv
 
-Stump Tracks is read from the core of lite-2, Parkour from the evaluations of the pilot of
-docs/long_runs.md.
+Cells are those of trials against a release, lite-2 by default; for lite-2, Parkour is read from the
+evaluations of the pilot of docs/long_runs.md.
 """
 
 from __future__ import annotations
@@ -23,7 +23,9 @@ from numpy.typing import NDArray
 from pilot import areas, read
 from scipy import stats
 
-from analysis.baselines import find_baseline
+from analysis.baselines import Baseline, find_baseline
+from analysis.data.columns import CELL_COLUMNS
+from analysis.data.reference import random_cells
 from analysis.measures.run_measures import run_measures
 from analysis.statistics import stratum_weights
 from analysis.statistics.power import POWER
@@ -81,22 +83,19 @@ def angle(percent: pd.Series) -> NDArray[np.float64]:
     return np.arcsin(np.sqrt(percent.to_numpy(float) / 100))
 
 
-def stump_tracks() -> list[Cell]:
-    """Return the cells of lite-2's core at high expert knowledge."""
-    baseline = find_baseline(RELEASE)
+def released(baseline: Baseline) -> list[Cell]:
+    """Return the cells of trials against a release, with the runs of its core."""
     frames = baseline.frames()
-    runs = frames.cells[frames.cells["campaign"].isin(baseline.manifest.core)]
-    runs = runs[(runs["environment"] == "stump_tracks") & (runs["expert_knowledge"] == "high")]
+    runs = frames.cells[frames.cells["core"]].astype(dict.fromkeys([*CELL_COLUMNS, "teacher"], str))
     runs = runs.merge(run_measures(frames, training=False)[["run_id", "mastered_area"]], on="run_id")
-    return [
-        Cell(
-            str(challenge) if body == "classic_bipedal" else f"{challenge}/{body}",
-            ("stump_tracks", str(challenge)),
-            core_hours(str(body), int(rows["steps"].iloc[0])),
-            {str(name): angle(own["mastered_area"]) for name, own in rows.groupby("teacher", observed=True)},
-        )
-        for (challenge, body), rows in runs.groupby(["challenge", "embodiment"], observed=True)
-    ]
+    cells = []
+    for name, key in random_cells(frames.cells).items():
+        rows = in_cell(runs, key)
+        environment, challenge, body, *_ = key
+        samples = {teacher: angle(own["mastered_area"]) for teacher, own in rows.groupby("teacher")}
+        hours = core_hours(body, int(rows["steps"].iloc[0]))
+        cells.append(Cell(name, (environment, challenge), hours, samples))
+    return cells
 
 
 def parkour() -> list[Cell]:
@@ -169,17 +168,16 @@ def row(name: str, cells: Sequence[Cell], everything: Sequence[Cell] = ()) -> di
     }
 
 
-def simulated(cells: Sequence[Cell], trials: int) -> dict[str, float]:
+def simulated(baseline: Baseline, cells: Sequence[Cell], trials: int) -> dict[str, float]:
     """Return core-hours and share of decided trials, in simulations with each core teacher as the new one.
 
     True differences from Random are those observed in these cells.
     """
-    baseline = find_baseline(RELEASE)
     frames = baseline.frames()
-    released = released_runs(frames)
+    runs = released_runs(frames)
     design = make_design("lab:New", baseline, frames, cells=[cell.name for cell in cells])
-    weights, setting = design.estimand().weights, setting_of(design, released)
-    areas = [in_cell(released, key).groupby("teacher")["mastered_area"].mean() for key in design.keys]
+    weights, setting = design.estimand().weights, setting_of(design, runs)
+    areas = [in_cell(runs, key).groupby("teacher")["mastered_area"].mean() for key in design.keys]
     teachers = [name for name in common_teachers(cells) if name != "random"]
     effects = {name: float(weights @ [area[name] - area["random"] for area in areas]) for name in teachers}
     outcomes = [simulate(setting, effects[name], trials) for name in teachers]
@@ -193,18 +191,18 @@ def simulated(cells: Sequence[Cell], trials: int) -> dict[str, float]:
     }
 
 
-def measure(trials: int) -> pd.DataFrame:
-    """Return the table: single cells, the cheapest set of each size, and the cells of a trial."""
-    tracks = stump_tracks()
-    rows = [row(cell.name, [cell], tracks) for cell in tracks] + [
-        row(cell.name, [cell]) for cell in parkour()
-    ]
-    for size in range(1, len(tracks) + 1):
+def measure(baseline: Baseline, trials: int) -> pd.DataFrame:
+    """Return the table: single cells, and the cheapest set of each size."""
+    cells = released(baseline)
+    rows = [row(cell.name, [cell], cells) for cell in cells]
+    rows += [row(cell.name, [cell]) for cell in parkour()] if baseline.manifest.name == RELEASE else []
+    for size in range(1, len(cells) + 1):
         chosen = min(
-            itertools.combinations(tracks, size),
-            key=lambda cells: np.nan_to_num(row("", cells)["core-hours to tell two apart"], nan=np.inf),
+            itertools.combinations(cells, size),
+            key=lambda some: np.nan_to_num(row("", some)["core-hours to tell two apart"], nan=np.inf),
         )
-        rows.append(row("; ".join(cell.name for cell in chosen), chosen, tracks) | simulated(chosen, trials))
+        name = "; ".join(cell.name for cell in chosen)
+        rows.append(row(name, chosen, cells) | simulated(baseline, chosen, trials))
     return pd.DataFrame(rows)
 
 
@@ -226,7 +224,9 @@ def main() -> None:
     parser.add_argument(
         "--trials", type=int, default=TRIALS, help="simulated trials of a teacher (%(default)s)"
     )
-    measure(parser.parse_args().trials).to_csv(sys.stdout, index=False)
+    parser.add_argument("--release", default=RELEASE, help="release of the trials (%(default)s)")
+    options = parser.parse_args()
+    measure(find_baseline(options.release), options.trials).to_csv(sys.stdout, index=False)
 
 
 if __name__ == "__main__":
