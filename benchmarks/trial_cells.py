@@ -92,7 +92,7 @@ def released(baseline: Baseline) -> list[Cell]:
     for name, key in random_cells(frames.cells).items():
         rows = in_cell(runs, key)
         environment, challenge, body, *_ = key
-        samples = {teacher: angle(own["mastered_area"]) for teacher, own in rows.groupby("teacher")}
+        samples = {str(teacher): angle(own["mastered_area"]) for teacher, own in rows.groupby("teacher")}
         hours = core_hours(body, int(rows["steps"].iloc[0]))
         cells.append(Cell(name, (environment, challenge), hours, samples))
     return cells
