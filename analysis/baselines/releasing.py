@@ -155,8 +155,9 @@ def _complete(draft: BaselineManifest, folder: Path, copied: results.Copy | resu
     frames = load(folder)
     for campaign in draft.core:
         check_known("campaign", campaign, set(frames.cells["campaign"]), "the release has")
+    cells = random_cells(frames.with_core(draft.core).cells)
     for cell in draft.trial_cells:
-        check_known("cell", cell, random_cells(frames.with_core(draft.core).cells), "the release has")
+        check_known("cell", cell, cells, "the release has")
     manifest = _with_contents(draft, frames, copied)
     made = origin(frames, manifest.physics_versions)
     tables = (table for group in table_results(frames) for table in result_tables(group))

@@ -65,11 +65,9 @@ def trial(name: Name, /, *, options: TrialOptions = TrialOptions()) -> int:
     against = options.against or (before.release if before else REHEARSED if options.simulated else "")
     baseline = find_baseline(against) if against else newest_release()
     frames = baseline.frames()
-    cells = options.cells or baseline.manifest.trial_cells
-    margin = options.margin or AREA_MARGIN
-    if before:
-        cells = options.cells or tuple(cell.name for cell in before.cells)
-        margin = options.margin or before.margin
+    default = tuple(cell.name for cell in before.cells) if before else baseline.manifest.trial_cells
+    cells = options.cells or default
+    margin = options.margin or (before.margin if before else AREA_MARGIN)
     if cells == ALL_CELLS:
         cells = ()
     released = released_runs(frames)
