@@ -32,6 +32,7 @@ from analysis.statistics.power import POWER
 from analysis.statistics.samples import TAIL
 from analysis.trials.design import in_cell, make_design, released_runs, setting_of
 from analysis.trials.rules import TrialVerdict, simulate
+from tma_ray.benchmark import challenges_of
 
 PILOT = Path(__file__).parent / "measured" / "parkour_pilot.csv"
 
@@ -83,17 +84,26 @@ def angle(percent: pd.Series) -> NDArray[np.float64]:
     return np.arcsin(np.sqrt(percent.to_numpy(float) / 100))
 
 
-def released(baseline: Baseline) -> list[Cell]:
-    """Return the cells of trials against a release, with the runs of its core."""
+def released(baseline: Baseline, at: int | None = None) -> list[Cell]:
+    """Return the cells of trials against a release, with the runs of its core.
+
+    Args:
+        baseline: release.
+        at: environment steps after which runs are measured, without challenges that reset the student at
+            shares of its budget; None for the budgets of all.
+    """
     frames = baseline.frames()
     runs = frames.cells[frames.cells["core"]].astype(dict.fromkeys([*CELL_COLUMNS, "teacher"], str))
-    runs = runs.merge(run_measures(frames, training=False)[["run_id", "mastered_area"]], on="run_id")
+    measures = run_measures(frames, at, training=False).dropna(subset=["mastered_area"])
+    runs = runs.merge(measures[["run_id", "mastered_area"]], on="run_id")
     cells = []
     for name, key in random_cells(frames.cells).items():
         rows = in_cell(runs, key)
         environment, challenge, body, *_ = key
+        if at and challenges_of(environment)[challenge].resets:
+            continue
         samples = {str(teacher): angle(own["mastered_area"]) for teacher, own in rows.groupby("teacher")}
-        hours = core_hours(body, int(rows["steps"].iloc[0]))
+        hours = core_hours(body, at or int(rows["steps"].iloc[0]))
         cells.append(Cell(name, (environment, challenge), hours, samples))
     return cells
 
@@ -168,14 +178,16 @@ def row(name: str, cells: Sequence[Cell], everything: Sequence[Cell] = ()) -> di
     }
 
 
-def simulated(baseline: Baseline, cells: Sequence[Cell], trials: int) -> dict[str, float]:
+def simulated(
+    baseline: Baseline, cells: Sequence[Cell], trials: int, at: int | None = None
+) -> dict[str, float]:
     """Return core-hours and share of decided trials, in simulations with each core teacher as the new one.
 
     True differences from Random are those observed in these cells.
     """
     frames = baseline.frames()
-    runs = released_runs(frames)
-    design = make_design("lab:New", baseline, frames, cells=[cell.name for cell in cells])
+    runs = released_runs(frames, at)
+    design = make_design("lab:New", baseline, frames, cells=[cell.name for cell in cells], steps=at)
     weights, setting = design.estimand().weights, setting_of(design, runs)
     areas = [in_cell(runs, key).groupby("teacher")["mastered_area"].mean() for key in design.keys]
     teachers = [name for name in common_teachers(cells) if name != "random"]
@@ -191,18 +203,28 @@ def simulated(baseline: Baseline, cells: Sequence[Cell], trials: int) -> dict[st
     }
 
 
-def measure(baseline: Baseline, trials: int) -> pd.DataFrame:
-    """Return the table: single cells, and the cheapest set of each size."""
-    cells = released(baseline)
+def measure(baseline: Baseline, trials: int, at: int | None = None) -> pd.DataFrame:
+    """Return the table: single cells, and the cheapest set of each size.
+
+    Args:
+        baseline: release.
+        trials: number of simulated trials of each teacher.
+        at: environment steps of each run of a trial; None for those of the release.
+    """
+    cells = released(baseline, at)
     rows = [row(cell.name, [cell], cells) for cell in cells]
-    rows += [row(cell.name, [cell]) for cell in parkour()] if baseline.manifest.name == RELEASE else []
+    rows += (
+        [row(cell.name, [cell]) for cell in parkour()]
+        if at is None and baseline.manifest.name == RELEASE
+        else []
+    )
     for size in range(1, len(cells) + 1):
         chosen = min(
             itertools.combinations(cells, size),
             key=lambda some: np.nan_to_num(row("", some)["core-hours to tell two apart"], nan=np.inf),
         )
         name = "; ".join(cell.name for cell in chosen)
-        rows.append(row(name, chosen, cells) | simulated(baseline, chosen, trials))
+        rows.append(row(name, chosen, cells) | simulated(baseline, chosen, trials, at))
     return pd.DataFrame(rows)
 
 
@@ -225,8 +247,10 @@ def main() -> None:
         "--trials", type=int, default=TRIALS, help="simulated trials of a teacher (%(default)s)"
     )
     parser.add_argument("--release", default=RELEASE, help="release of the trials (%(default)s)")
+    parser.add_argument("--steps", type=int, help="environment steps of each run (those of the release)")
     options = parser.parse_args()
-    measure(find_baseline(options.release), options.trials).to_csv(sys.stdout, index=False)
+    table = measure(find_baseline(options.release), options.trials, options.steps)
+    table.to_csv(sys.stdout, index=False)
 
 
 if __name__ == "__main__":

@@ -32,6 +32,18 @@ def test_of_several_such_sets_the_cheapest_is_recommended() -> None:
     assert trial_cells.recommended(rows) == ["a", "c"]
 
 
+def test_cells_of_fewer_steps_cost_less_and_are_those_of_possible_trials() -> None:
+    """Students forget at shares of their budget, so that runs of fewer steps differ from the beginning."""
+    baseline = find_baseline("lite-1")
+    whole, half = ({cell.name: cell for cell in trial_cells.released(baseline, at)} for at in (None, 10**6))
+    assert set(whole) - set(half) == {"forgetting_student"}
+    for name, cell in half.items():
+        assert cell.hours == pytest.approx(whole[name].hours / 2)
+    early, late = (cells["original"].samples["random"] for cells in (half, whole))
+    assert early.size == late.size
+    assert 0 < early.mean() < late.mean()
+
+
 def test_trials_against_lite_2_have_the_recommended_cells() -> None:
     measured = pd.read_csv(trial_cells.PILOT.with_name("trial_cells.csv"))
     assert sorted(find_baseline("lite-2").manifest.trial_cells) == trial_cells.recommended(measured)

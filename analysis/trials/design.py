@@ -99,6 +99,7 @@ class Design:
     looks: tuple[int, ...] = rules.LOOKS  # cumulative number of the new teacher's seeds per cell at each look
     measure: str = HEADLINE  # measure that the design is made for, a column of `run_measures`
     runs: str = ""  # SHA-256 of the ids of all runs, which depend on the teacher's source and settings
+    steps: int | None = None  # environment steps after which all runs are measured; None for their budgets
 
     @classmethod
     def of(cls, content: Mapping[str, Any], where: str) -> "Design":
@@ -149,10 +150,12 @@ class Design:
         margin, error = self.margin_of(measure), self.error / rules.COMPARISONS
         return rules.DecisionRule(self.looks, fractions, margin, candidates, error)
 
-    def is_asked_for(self, teacher: str, release: str, cells: Collection[str], margin: float) -> bool:
-        """Return True if the design is for this teacher, release, cells and margin."""
-        settings = self.teacher, self.release, {cell.name for cell in self.cells}, self.margin
-        return settings == (teacher, release, set(cells), margin)
+    def is_asked_for(
+        self, teacher: str, release: str, cells: Collection[str], margin: float, steps: int | None
+    ) -> bool:
+        """Return True if the design is for this teacher, release, cells, margin and number of steps."""
+        settings = self.teacher, self.release, {cell.name for cell in self.cells}, self.margin, self.steps
+        return settings == (teacher, release, set(cells), margin, steps)
 
     def renewed(self, released: pd.DataFrame) -> "Design":
         """Return the design with its digest recomputed from the references' runs in `released`.
@@ -174,19 +177,25 @@ class Design:
         return phrases
 
 
-def released_runs(frames: Frames) -> pd.DataFrame:
-    """Return the runs of a release that have ended with finite returns."""
-    return ended_runs(frames).dropna(subset=["angle"])
+def released_runs(frames: Frames, steps: int | None = None) -> pd.DataFrame:
+    """Return the runs of a release that have ended with finite returns; see `ended_runs`."""
+    return ended_runs(frames, steps).dropna(subset=["angle"])
 
 
-def ended_runs(frames: Frames) -> pd.DataFrame:
+def ended_runs(frames: Frames, steps: int | None = None) -> pd.DataFrame:
     """Return the runs that have ended, with NaN measures for those with non-finite returns.
 
+    Args:
+        frames: frames of a release or a trial.
+        steps: environment steps after which runs are measured, as if they ended there; None for their
+            budgets.
+
     Returns:
-        `CELL_COLUMNS`, teacher, run_id, seed, the measures of `AXES` and the columns of `SCALED`.
+        `CELL_COLUMNS`, teacher, run_id, seed, steps (budget of the run), the measures of `AXES` and the
+        columns of `SCALED`.
     """
-    cells = frames.cells[[*CELL_COLUMNS, "teacher", "seed", "run_id"]].drop_duplicates()
-    measures = run_measures(frames, training=False)
+    cells = frames.cells[[*CELL_COLUMNS, "teacher", "seed", "run_id", "steps"]].drop_duplicates()
+    measures = run_measures(frames, steps, training=False)
     ended = measures["reason"].isin(["", NOT_FINITE])
     rows = cells.merge(measures.loc[ended, ["run_id", *AXES]], on="run_id")
     scaled = {column: SCALES[measure].of(rows[measure]) for measure, column in SCALED.items()}
@@ -217,6 +226,7 @@ def make_design(
     margin: float = AREA_MARGIN,
     cells: Collection[str] = (),
     looks: tuple[int, ...] = rules.LOOKS,
+    steps: int | None = None,
 ) -> Design:
     """Return the design of a trial against a release.
 
@@ -231,24 +241,27 @@ def make_design(
         margin: equivalence margin, in points.
         cells: names of cells by `reference.random_cells`; all by default.
         looks: number of the new teacher's seeds per cell at each look.
+        steps: environment steps after which all runs are measured; None for the budgets of the release.
 
     Raises:
-        ValueError: if a cell is unknown, the references have too few runs or no spread between seeds, or
-            verdicts would be wrong too often.
+        ValueError: if a cell is unknown, runs of a cell are not evaluated after these steps, the references
+            have too few runs or no spread between seeds, or verdicts would be wrong too often.
     """
-    released, name = released_runs(frames), baseline.manifest.name
+    released, name = released_runs(frames, steps), baseline.manifest.name
     released = released[released["teacher"] != teacher]
     keys = random_cells(frames.cells)
     for cell in cells:
         check_known("cell", cell, keys, f"{name} has")
     keys = {cell: key for cell, key in keys.items() if not cells or cell in cells}
+    if steps is not None:
+        _check_evaluated(steps, keys, frames, name)
     best, candidates = _best(released, list(keys.values()), name)
     first = int(released.loc[released["teacher"].isin([BASELINE, best]), "seed"].max()) + 1
     seeds = tuple(range(first, first + looks[-1]))
-    trial_cells = _cells(keys, released, frames)
+    trial_cells = _cells(keys, released, frames, steps)
     if not any(cell.deviation for cell in trial_cells):
         raise ValueError(f"{name} has no spread between seeds in these cells: choose others or more of them")
-    design = Design(teacher, name, "", best, candidates, trial_cells, seeds, margin, looks=looks)
+    design = Design(teacher, name, "", best, candidates, trial_cells, seeds, margin, looks=looks, steps=steps)
     design = design.renewed(released)
     for error in ERRORS:
         design = replace(design, error=error)
@@ -263,8 +276,22 @@ def make_design(
     )
 
 
+def _check_evaluated(steps: int, keys: Mapping[str, tuple[str, ...]], frames: Frames, name: str) -> None:
+    """Raise a ValueError if a run in one of the cells has no evaluation after `steps`."""
+    runs = frames.cells.astype(dict.fromkeys(CELL_COLUMNS, str))
+    for cell, key in keys.items():
+        of_cell = frames.measured[frames.measured["run_id"].isin(in_cell(runs, key)["run_id"])]
+        counts = of_cell.groupby("step")["run_id"].nunique()
+        shared = [int(step) for step in counts.index[counts == counts.max()] if step > 0]
+        if steps not in shared:
+            raise ValueError(
+                f"{name} has no evaluations of {cell} after {steps:,} steps, where runs would be compared; "
+                f"it has them every {shared[0]:,} up to {shared[-1]:,}"
+            )
+
+
 def _cells(
-    keys: Mapping[str, tuple[str, ...]], released: pd.DataFrame, frames: Frames
+    keys: Mapping[str, tuple[str, ...]], released: pd.DataFrame, frames: Frames, steps: int | None
 ) -> tuple[TrialCell, ...]:
     """Return the cells of a trial, sorted by signal-to-noise ratio per core-hour, highest first.
 
@@ -276,7 +303,8 @@ def _cells(
         rows = in_cell(released, key)
         groups = rows.groupby("teacher")["angle"]
         area, end = (_spread(rows, measure) for measure in AXES)
-        hours = frames.run_hours.reindex(rows["run_id"].unique()).median()
+        trained = 1.0 if steps is None else steps / rows["steps"].astype(float)
+        hours = (rows["run_id"].map(frames.run_hours) * trained).median()
         hours = 0.0 if np.isnan(hours) else float(hours)
         noise = area.deviation**2
         signal = max(float(groups.mean().var()) - noise * float((1 / groups.size()).mean()), 0.0)

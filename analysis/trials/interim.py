@@ -15,7 +15,7 @@ from analysis.comparisons.against_random import LARGEST
 from analysis.data.columns import CELL_COLUMNS
 from analysis.data.frames import Frames
 from analysis.data.reference import is_baseline
-from analysis.formatting import interval_text, number
+from analysis.formatting import interval_text, number, steps_text
 from analysis.measures.evaluations import aggregate
 from analysis.measures.tested import AXES, FINAL, HEADLINE, on_both_axes
 from analysis.names import label
@@ -200,6 +200,7 @@ def curves(design: Design, frames: Frames, trial_frames: Frames) -> pd.DataFrame
         cells = source.cells[source.cells["teacher"].isin(names)].astype(dict.fromkeys(CELL_COLUMNS, str))
         runs = cells.merge(keys, on=CELL_COLUMNS)[["teacher", "run_id"]].drop_duplicates()
         rows = source.measured[["run_id", "step", "mastered_percent"]].astype({"run_id": object})
+        rows = rows if design.steps is None else rows[rows["step"] <= design.steps]
         tables.append(runs.astype(object).merge(rows, on="run_id"))
     return aggregate(pd.concat(tables, ignore_index=True), "mastered_percent", ["teacher"])
 
@@ -250,7 +251,7 @@ def plan_lines(design: Design, released: pd.DataFrame) -> Iterator[str]:
     others = (
         f"the best of {design.candidates} teachers" if design.candidates > 1 else "its only other teacher"
     )
-    yield f"trial of {label(design.teacher)} against {design.release}"
+    yield f"trial of {label(design.teacher)} against {_release(design)}"
     yield f"  compared with: Random, and {label(design.best)}, {others} there"
     yield f"  {counted(len(cells), 'cell')}, in this order: {_cell_names(design)}"
     yield (
@@ -319,7 +320,7 @@ def sentence(design: Design, look: InterimLook) -> str:
         ]
         parts.append(f"beside {name}: {_verdict(pair)} ({', '.join(numbers)})")
     return (
-        f"Over {counted(len(design.cells), 'cell')} of {design.release} ({_cell_names(design)}), "
+        f"Over {counted(len(design.cells), 'cell')} of {_release(design)} ({_cell_names(design)}), "
         f"{label(design.teacher)} {'; '.join(parts)}; "
         f"in {_quantity(design)}, after {look.seeds} of at most {design.looks[-1]} seeds of each cell: a "
         f"group-sequential test with repeated confidence intervals, whose verdicts are wrong in at most "
@@ -374,7 +375,7 @@ def methods(design: Design, look: InterimLook, versions: str) -> str:
         "The mean of the last three evaluations is reported beside by the same intervals, and ends no trial. "
     )
     return (
-        f"{label(design.teacher)} was tried against the release {design.release} on "
+        f"{label(design.teacher)} was tried against the release {_release(design)} on "
         f"{counted(len(design.cells), 'cell')} ({_cell_names(design)}) by a group-sequential design that was "
         f"fixed before the first run. Looks were planned after {_looks(design)} seeds of every cell; it "
         f"ended after {look.seeds} (seeds {design.seeds[0]} to {design.seeds[look.seeds - 1]}, {runs} runs; "
@@ -393,6 +394,12 @@ def methods(design: Design, look: InterimLook, versions: str) -> str:
         f"were wrong in {100 * design.simulated_error:.1f} %. Estimates are median-unbiased by the "
         f"stagewise order. {versions}"
     )
+
+
+def _release(design: Design) -> str:
+    """Return the name of the release, followed by the steps after which its runs are measured, if given."""
+    measured = "" if design.steps is None else f" after {steps_text(design.steps)} steps"
+    return f"{design.release}{measured}"
 
 
 def _cell_names(design: Design) -> str:

@@ -10,6 +10,7 @@ from scipy import stats
 from analysis.baselines import find_baseline
 from analysis.data.columns import CELL_COLUMNS
 from analysis.data.frames import Frames
+from analysis.measures.run_measures import evaluations_at
 from analysis.measures.tested import FINAL, HEADLINE
 from analysis.statistics import describe, least_variance, stratified
 from analysis.trials.design import (
@@ -25,6 +26,7 @@ from analysis.trials.interim import (
     InterimLook,
     TrialEnding,
     completed_looks,
+    curves,
     joined_trials,
     latex_row,
     look_line,
@@ -103,6 +105,38 @@ def test_a_teacher_of_the_release_is_not_compared_with_itself(trial: Trial) -> N
     again = make_design(trial.design.best, find_baseline("lite-1"), trial.frames, cells=cells)
     assert again.best != trial.design.best
     assert again.candidates == trial.design.candidates - 1
+
+
+def test_a_trial_of_fewer_steps_compares_with_the_release_at_these_steps(trial: Trial) -> None:
+    cells, steps = ("original", "diverse_students/spider"), 1_000_000
+    design = make_design("mine:Frontier", find_baseline("lite-1"), trial.frames, cells=cells, steps=steps)
+    released = released_runs(trial.frames, steps).set_index("run_id")
+    expected = evaluations_at(trial.frames, [steps]).set_index("run_id").loc[released.index]
+    for measure in design.axes:
+        assert released[measure].tolist() == expected[measure].tolist()
+    assert released[HEADLINE].mean() < 0.7 * trial.released[HEADLINE].mean()
+    assert design.release_digest != trial.design.release_digest
+    assert trial.design.differing(design)[-1] == "steps: None, not 1000000"
+    hours = {cell.name: cell.hours for cell in trial.design.cells}
+    assert all(cell.hours == pytest.approx(hours[cell.name] / 2) for cell in design.cells)
+    short = trial._replace(design=design, released=released.reset_index())
+    look = short.looks(short.runs("riac", 3))[0]
+    assert "Over 2 cells of lite-1 after 1 million steps (" in sentence(design, look)
+    assert Design.of(design.to_dict(), "trial.json") == design
+
+
+@pytest.mark.parametrize("steps", [1_000_001, 2_250_000])
+def test_steps_without_evaluations_are_refused_with_those_there_are(trial: Trial, steps: int) -> None:
+    with pytest.raises(
+        ValueError, match=r"no evaluations of original after .* every 250,000 up to 2,000,000"
+    ):
+        make_design("mine:Frontier", find_baseline("lite-1"), trial.frames, cells=["original"], steps=steps)
+
+
+def test_curves_of_a_trial_of_fewer_steps_end_there(trial: Trial) -> None:
+    design = replace(trial.design, steps=1_000_000)
+    assert curves(design, trial.frames, trial.frames)["step"].max() == 1_000_000
+    assert curves(trial.design, trial.frames, trial.frames)["step"].max() == 2_000_000
 
 
 def test_an_unknown_cell_is_refused_with_those_there_are(trial: Trial) -> None:

@@ -1,5 +1,6 @@
 """Trials: which runs a look has, budgets, designs that stay, and an interrupted one that continues."""
 
+import hashlib
 import json
 import os
 import signal
@@ -7,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -41,6 +43,23 @@ def test_a_look_has_its_seeds_of_every_cell_one_cell_after_the_other(plans: list
     assert found == [(place[1], seed) for place in PLACES for seed in (5, 6, 7)]
     assert {spec.run_id for spec in plans[0].runs} < {spec.run_id for spec in plans[1].runs}
     assert {spec.schedule.steps for spec in plans[0].runs} == {2_000_000}
+
+
+def test_a_trial_of_fewer_steps_has_runs_of_these(plans: list[Plan]) -> None:
+    released = Results(find_baseline("lite-1").store())
+    shorter = trial_plan("trial", released, "sobol", PLACES, range(5, 8), 500_000)
+    for spec, whole in zip(shorter.runs, plans[0].runs, strict=True):
+        assert spec.schedule == replace(whole.schedule, steps=500_000)
+        assert replace(spec, schedule=whole.schedule).run_id == whole.run_id
+
+
+def test_a_cell_whose_runs_depend_on_their_budget_is_refused_at_fewer_steps() -> None:
+    released = Results(find_baseline("lite-1").store())
+    place = ("stump_tracks", "forgetting_student", "classic_bipedal", "ppo", "high")
+    with pytest.raises(
+        ValueError, match=r"not the beginning .*forgetting_student: resets: \[700000, 1400000\]"
+    ):
+        trial_plan("trial", released, "sobol", [place], range(5, 8), 1_000_000)
 
 
 def test_trials_of_two_settings_of_a_teacher_are_two_campaigns() -> None:
@@ -145,6 +164,22 @@ def test_a_trial_has_the_cells_of_its_release_unless_others_are_chosen(cells, pl
     said = capsys.readouterr().out
     assert planned in said
     assert ("default cells of trials against lite-2" in said) == (not cells)
+
+
+def test_a_trial_that_has_begun_keeps_its_steps(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    baseline = find_baseline("lite-1")
+    design = make_design("sobol", baseline, baseline.frames(), cells=["original"], steps=500_000)
+    store = Store.open(tmp_path)
+    create_root(store)
+    command = ["trial", "sobol", "--dry-run", "--local", "--results", str(tmp_path)]
+    plan = trial_plan("trial_sobol", Results(baseline.store()), "sobol", design.keys, design.seeds, 500_000)
+    ids = "\n".join(spec.run_id for spec in plan.runs)
+    design = replace(design, runs=hashlib.sha256(ids.encode()).hexdigest())
+    TrialFile(design.to_dict()).save(store)
+    assert main(command) == 0
+    assert "trial of Sobol against lite-1 after 500 thousand steps" in capsys.readouterr().out
+    assert main([*command, "--steps", "1000000"]) == 2
+    assert "steps: 500000, not 1000000" in capsys.readouterr().err
 
 
 def test_a_trial_that_has_begun_keeps_its_cells(planned: Path, capsys: pytest.CaptureFixture[str]) -> None:

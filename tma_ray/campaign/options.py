@@ -435,6 +435,7 @@ class TrialOptions(ExecutionOptions):
         cells: cells of it: challenges, or challenge/body where it has several bodies; 'all' for all (default:
             its default cells)
         margin: difference that does not matter, of tasks mastered over training (default: 2.5)
+        steps: training budget of each run, after which the release's runs are measured too (default: theirs)
         budget: time that it may take here (default: none)
         simulated: rehearse it on simulated students: the same design, minutes instead of hours
         jobs: number of processes with --simulated
@@ -444,10 +445,16 @@ class TrialOptions(ExecutionOptions):
     against: Annotated[str | None, value(named("a release"), "BASELINE", **WHAT)] = None
     cells: Names = None
     margin: Annotated[float | None, value(parse_points, "POINTS", **WHAT)] = None
+    steps: Steps = None
     budget: Annotated[float | None, value(parse_hours, "HOURS", **WHAT)] = None
     simulated: Annotated[bool, Parameter(**WHAT)] = False
     jobs: Annotated[int, value(PROCESSES, "N", **HOW)] = 2
     results: ResultsRoot = "results"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.simulated and self.steps:
+            raise ValueError("argument --steps: not allowed with --simulated, whose students have no steps")
 
 
 EXECUTION_DEFAULTS = {

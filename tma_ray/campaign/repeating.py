@@ -82,7 +82,12 @@ def _check_released(kind: str, values: Collection[Any], released: Collection[Any
 
 
 def trial_plan(
-    name: str, released: Results, teacher: str, places: Sequence[tuple[str, ...]], seeds: Sequence[int]
+    name: str,
+    released: Results,
+    teacher: str,
+    places: Sequence[tuple[str, ...]],
+    seeds: Sequence[int],
+    steps: int | None = None,
 ) -> Plan:
     """Return a plan of runs with `teacher` and new seeds on cells of a release, ordered by cell.
 
@@ -92,9 +97,11 @@ def trial_plan(
         teacher: teacher to try.
         places: cells, as tuples of environment, challenge, body, student and level of expert knowledge.
         seeds: seeds of every cell.
+        steps: training budget of each run, up to that of the release; None for the latter.
 
     Raises:
-        ValueError: if the teacher cannot run, or this version cannot repeat the release.
+        ValueError: if the teacher cannot run, this version cannot repeat the release, or runs of a cell
+            depend on their budget before its end.
     """
     released_settings = {
         (spec.environment, spec.challenge, spec.embodiment, spec.student, setting.level.value): setting
@@ -102,7 +109,7 @@ def trial_plan(
         for spec in [setting.template]
     }
     settings = [replace(released_settings[cell], seeds=tuple(seeds)) for cell in places]  # type: ignore[index]
-    planned = [run for setting in settings for run in _runs(setting, teacher, released)]
+    planned = [run for setting in settings for run in _runs(setting, teacher, released, steps)]
     size = f"{counted(len(places), 'cell')} of {released.store} x {counted(len(seeds), 'seed')}"
     return Plan(name, size, tuple(spec for spec, _ in planned), tuple(row for _, row in planned))
 
@@ -144,11 +151,13 @@ def _settings(released: Results, core: Collection[str]) -> list[_Setting]:
     return settings
 
 
-def _runs(setting: _Setting, teacher: str, released: Results) -> Iterator[tuple[RunSpec, dict[str, Any]]]:
+def _runs(
+    setting: _Setting, teacher: str, released: Results, steps: int | None = None
+) -> Iterator[tuple[RunSpec, dict[str, Any]]]:
     """Yield, for each seed, the spec of the run with `teacher` and the run's row in the table of cells.
 
     Raises:
-        ValueError: if the specs differ from the release's in more than the teacher.
+        ValueError: if the specs differ from the release's in more than the teacher and the budget `steps`.
     """
     template = setting.template
     cell = Cell(
@@ -160,19 +169,33 @@ def _runs(setting: _Setting, teacher: str, released: Results) -> Iterator[tuple[
         expert_knowledge=setting.level,
     )
     first = replace(effective_spec(cell, 0, template.schedule), test_set=template.test_set)
-    new, old = _without_teacher(first), _without_teacher(template)
-    differing = [name for name in sorted({*new, *old}) if new.get(name) != old.get(name)]
-    if differing:
-        differences = "; ".join(
-            f"{name}: {old.get(name)!r:.60} there, {new.get(name)!r:.60} here" for name in differing
-        )
+    if differences := _differences(template, first):
         raise ValueError(
             f"this version cannot repeat {released.store} ({template.challenge}): {differences}. Use the "
             f"version of tma_ray that it was made with, or another release"
         )
+    if steps is not None:
+        schedule = replace(template.schedule, steps=steps)
+        first = replace(effective_spec(cell, 0, schedule), test_set=template.test_set)
+        if differences := _differences(template, first, {"schedule"}):
+            raise ValueError(
+                f"runs of {steps:,} steps are not the beginning of the release's in {template.challenge}: "
+                f"{differences}. Choose cells without it"
+            )
     for seed in setting.seeds:
         spec = replace(first, seed=seed)
         yield spec, cell_row(setting.experiment, cell, spec)
+
+
+def _differences(old: RunSpec, new: RunSpec, ignored: Collection[str] = ()) -> str:
+    """Return the fields in which two specs differ besides their teachers, as text."""
+    there, here = _without_teacher(old), _without_teacher(new)
+    differing = [name for name in sorted({*there, *here}) if there.get(name) != here.get(name)]
+    return "; ".join(
+        f"{name}: {there.get(name)!r:.60} there, {here.get(name)!r:.60} here"
+        for name in differing
+        if name not in ignored
+    )
 
 
 def _without_teacher(spec: RunSpec) -> dict[str, Any]:

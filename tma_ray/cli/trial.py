@@ -68,13 +68,14 @@ def trial(name: Name, /, *, options: TrialOptions = TrialOptions()) -> int:
     default = tuple(cell.name for cell in before.cells) if before else baseline.manifest.trial_cells
     cells = options.cells or default
     margin = options.margin or (before.margin if before else AREA_MARGIN)
+    steps = options.steps or (before.steps if before else None)
     if cells == ALL_CELLS:
         cells = ()
-    released = released_runs(frames)
-    if before and before.is_asked_for(teacher, baseline.manifest.name, cells, margin):
+    released = released_runs(frames, steps)
+    if before and before.is_asked_for(teacher, baseline.manifest.name, cells, margin, steps):
         design = before.renewed(released)
     else:
-        design = make_design(teacher, baseline, frames, margin, cells)
+        design = make_design(teacher, baseline, frames, margin, cells, steps=steps)
     places, plans = design.keys, []
     if options.simulated:
         simulated_cells(teacher, places)  # raises an error if the teacher cannot teach some cells
@@ -82,8 +83,10 @@ def trial(name: Name, /, *, options: TrialOptions = TrialOptions()) -> int:
         design = replace(design, runs=plugin.digest if plugin else "")
     else:
         results = Results(baseline.store())
-        campaign = campaign_of(teacher)
-        plans = [trial_plan(campaign, results, teacher, places, design.seeds[:n]) for n in design.looks]
+        plans = [
+            trial_plan(campaign_of(teacher), results, teacher, places, design.seeds[:count], steps)
+            for count in design.looks
+        ]
         names = "\n".join(spec.run_id for spec in plans[-1].runs)
         design = replace(design, runs=hashlib.sha256(names.encode()).hexdigest())
     if before and before.differing(design):
