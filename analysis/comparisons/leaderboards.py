@@ -148,9 +148,10 @@ class Leaderboard:
         }
 
     def _named(self, chances: Mapping[str, float]) -> str:
-        names = " or ".join(self.names[teacher] for teacher in chances)
+        names = [self.names[teacher] for teacher in chances]
+        joined = " or ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
         chance = f"probability {number(min(sum(chances.values()), 0.99), 2)}"
-        return f"{names} ({chance}{', not distinguishable' if len(chances) > 1 else ''})"
+        return f"{joined} ({chance}{', not distinguishable' if len(chances) > 1 else ''})"
 
 
 def notes(board: Leaderboard) -> list[str]:
