@@ -131,6 +131,7 @@ def make_world(handle: SharedCurriculum) -> gymnasium.Env:
     return handle.wrap(gymnasium.make("tma_ray:tma_ray/StumpTracks-v0", max_episode_steps=100))
 
 
+@pytest.mark.slow  # the fast tests share a teacher among processes without torch
 def test_the_processes_of_stable_baselines3_share_a_teacher() -> None:
     curriculum = Curriculum("random", make_environment("stump_tracks"), mastery_return=230)
     worlds = SubprocVecEnv([partial(make_world, curriculum.shared())] * 2, start_method="spawn")

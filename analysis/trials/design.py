@@ -211,8 +211,8 @@ def moments_of(
     runs: pd.DataFrame, teacher: str, keys: Sequence[tuple[str, ...]], measure: str = HEADLINE
 ) -> rules.Moments:
     """Return the moments of a teacher's runs in each cell, NaN for cells with too few runs."""
-    rows = runs[runs["teacher"] == teacher]
-    samples = [in_cell(rows, key)[SCALED[measure]].to_numpy(float) for key in keys]
+    by_cell = dict(iter(runs[runs["teacher"] == teacher].groupby(CELL_COLUMNS)[SCALED[measure]]))
+    samples = [by_cell.get(key, pd.Series(dtype=float)).to_numpy(float) for key in keys]
     with np.errstate(invalid="ignore", divide="ignore"):
         means = [sample.mean() if sample.size else np.nan for sample in samples]
         variances = [sample.var(ddof=1) if sample.size > 1 else np.nan for sample in samples]

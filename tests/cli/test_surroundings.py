@@ -41,7 +41,7 @@ def test_a_stream_replaces_no_character_that_it_has(monkeypatch: pytest.MonkeyPa
         ("list teachers >&-", 0, ""),
         ("list teachers <&- >&- 2>&-", 0, ""),
         ("list nonsense 2>&-", REFUSED, ""),
-        ("quickstart --steps 50M --results {root} <&-", REFUSED, "pass --yes to start it"),
+        ("run --steps 50M --results {root} <&-", REFUSED, "pass --yes to start it"),
     ],
 )
 def test_closed_streams_lead_nowhere(tmp_path: Path, command: str, code: int, shown: str) -> None:

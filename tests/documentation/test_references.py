@@ -6,6 +6,7 @@ import re
 from collections import defaultdict
 from collections.abc import Iterator
 from importlib.util import find_spec
+from itertools import chain
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
@@ -33,42 +34,60 @@ def bound(node: ast.AST) -> Iterator[str]:
         yield node.id if isinstance(node, ast.Name) else node.attr
 
 
-PARTS = {path: ".".join(path.relative_to(ROOT).with_suffix("").parts) for path in SOURCES}
-TREES = {name.removesuffix(".__init__"): ast.parse(path.read_text()) for path, name in PARTS.items()}
-NAMES = {name for tree in TREES.values() for node in ast.walk(tree) for name in bound(node)}
-NAMES |= {part for module in TREES for part in module.split(".")} | {*dir(builtins)}
+class Sources:
+    """Trees of all sources, and the names that they bind.
 
-VARIABLES = {
-    name
-    for tree in TREES.values()
-    for node in ast.walk(tree)
-    if isinstance(node, ast.arg | ast.Attribute) or (isinstance(node, ast.AnnAssign) and node.simple)
-    for name in bound(node.target if isinstance(node, ast.AnnAssign) else node)
-}
-"""Parameters, attributes and fields."""
+    Attributes:
+        trees: tree of each module by its name.
+        names: names bound anywhere, with the parts of the modules' names and the built-in ones.
+        variables: parameters, attributes and fields.
+        methods: names of methods.
+        scopes: names in a module or class, at any depth, since methods set attributes; a class has those of
+            its bases.
+    """
 
-CLASSES = [node for tree in TREES.values() for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
-METHODS = {node.name for each in CLASSES for node in each.body if isinstance(node, ast.FunctionDef)}
+    def __init__(self) -> None:
+        parts = {path: ".".join(path.relative_to(ROOT).with_suffix("").parts) for path in SOURCES}
+        self.trees = {
+            name.removesuffix(".__init__"): ast.parse(path.read_text()) for path, name in parts.items()
+        }
+        nodes = {module: list(ast.walk(tree)) for module, tree in self.trees.items()}
+        every = list(chain.from_iterable(nodes.values()))
+        self.names = {name for node in every for name in bound(node)}
+        self.names |= {part for module in self.trees for part in module.split(".")} | {*dir(builtins)}
+        self.variables = {
+            name
+            for node in every
+            if isinstance(node, ast.arg | ast.Attribute) or (isinstance(node, ast.AnnAssign) and node.simple)
+            for name in bound(node.target if isinstance(node, ast.AnnAssign) else node)
+        }
+        classes = [node for node in every if isinstance(node, ast.ClassDef)]
+        self.methods = {
+            node.name for each in classes for node in each.body if isinstance(node, ast.FunctionDef)
+        }
+        self.scopes: dict[str, set[str]] = defaultdict(set)
+        for module in self.trees:
+            package, _, name = module.rpartition(".")
+            self.scopes[name] |= {each for node in nodes[module] for each in bound(node)}
+            self.scopes[package.rpartition(".")[2]].add(name)
+        for each in classes:
+            self.scopes[each.name] |= {name for node in ast.walk(each) for name in bound(node)}
+        for each in classes * 3:  # bases of bases
+            for base in each.bases:
+                self.scopes[each.name] |= self.scopes.get(getattr(base, "id", ""), set())
 
-SCOPES: dict[str, set[str]] = defaultdict(set)
-"""Names in a module or class, at any depth, since methods set attributes; a class has those of its bases."""
-for _module, _tree in TREES.items():
-    _package, _, _name = _module.rpartition(".")
-    SCOPES[_name] |= {name for node in ast.walk(_tree) for name in bound(node)}
-    SCOPES[_package.rpartition(".")[2]].add(_name)
-for _class in CLASSES:
-    SCOPES[_class.name] |= {name for node in ast.walk(_class) for name in bound(node)}
-for _class in CLASSES * 3:  # bases of bases
-    for _base in _class.bases:
-        SCOPES[_class.name] |= SCOPES.get(getattr(_base, "id", ""), set())
-
-
-def leads_somewhere(reference: str) -> bool:
-    *above, owner, name = ("", "", *reference.split("."))
-    if not owner:
-        return name in NAMES
-    has = name in SCOPES[owner] if owner in SCOPES else owner in VARIABLES and name in VARIABLES | METHODS
-    return (has and NAMES.issuperset(filter(None, above))) or _is_library(reference.partition(".")[0])
+    def have(self, reference: str) -> bool:
+        """Return True if a reference leads to something."""
+        *above, owner, name = ("", "", *reference.split("."))
+        if not owner:
+            return name in self.names
+        if owner in self.scopes:
+            found = name in self.scopes[owner]
+        else:
+            found = owner in self.variables and name in self.variables | self.methods
+        return (found and self.names.issuperset(filter(None, above))) or _is_library(
+            reference.partition(".")[0]
+        )
 
 
 def _is_library(name: str) -> bool:
@@ -76,11 +95,12 @@ def _is_library(name: str) -> bool:
 
 
 def test_every_reference_in_a_docstring_leads_somewhere() -> None:
+    sources = Sources()
     lost = {
         f"{module}: {reference}"
-        for module, tree in TREES.items()
+        for module, tree in sources.trees.items()
         for text in docstrings(tree)
         for reference in REFERENCE.findall(text)
-        if not leads_somewhere(reference)
+        if not sources.have(reference)
     }
     assert not lost, "\n".join(sorted(lost))

@@ -81,22 +81,24 @@ def _check_released(kind: str, values: Collection[Any], released: Collection[Any
             raise ValueError(f"the release has no {kind} {value!r}; it has {', '.join(map(str, released))}")
 
 
-def trial_plan(
+def trial_plans(
     name: str,
     released: Results,
     teacher: str,
     places: Sequence[tuple[str, ...]],
-    seeds: Sequence[int],
+    looks: Sequence[Sequence[int]],
     steps: int | None = None,
-) -> Plan:
-    """Return a plan of runs with `teacher` and new seeds on cells of a release, ordered by cell.
+) -> list[Plan]:
+    """Return a plan for each interim look, of runs with `teacher` and new seeds on cells of a release.
+
+    Runs are ordered by cell.
 
     Args:
         name: name of the campaign.
         released: release that has the cells.
         teacher: teacher to try.
         places: cells, as tuples of environment, challenge, body, student and level of expert knowledge.
-        seeds: seeds of every cell.
+        looks: seeds of every cell up to each look; the last look has all.
         steps: training budget of each run, up to that of the release; None for the latter.
 
     Raises:
@@ -108,10 +110,14 @@ def trial_plan(
         for setting in _settings(released, ())
         for spec in [setting.template]
     }
-    settings = [replace(released_settings[cell], seeds=tuple(seeds)) for cell in places]  # type: ignore[index]
+    settings = [replace(released_settings[cell], seeds=tuple(looks[-1])) for cell in places]  # type: ignore[index]
     planned = [run for setting in settings for run in _runs(setting, teacher, released, steps)]
-    size = f"{counted(len(places), 'cell')} of {released.store} x {counted(len(seeds), 'seed')}"
-    return Plan(name, size, tuple(spec for spec, _ in planned), tuple(row for _, row in planned))
+    plans = []
+    for seeds in looks:
+        runs, rows = zip(*((spec, row) for spec, row in planned if spec.seed in seeds), strict=True)
+        size = f"{counted(len(places), 'cell')} of {released.store} x {counted(len(seeds), 'seed')}"
+        plans.append(Plan(name, size, runs, rows))
+    return plans
 
 
 def _settings(released: Results, core: Collection[str]) -> list[_Setting]:

@@ -53,7 +53,7 @@ def trial(name: Name, /, *, options: TrialOptions = TrialOptions()) -> int:
     from analysis.measures.tested import AREA_MARGIN
     from analysis.trials.design import Design, make_design, released_runs
     from analysis.trials.interim import plan_lines
-    from tma_ray.campaign.repeating import trial_plan
+    from tma_ray.campaign.repeating import trial_plans
     from tma_ray.campaign.trials import campaign_of, simulated_cells
     from tma_ray.teachers import TEACHERS, canonical_teacher
 
@@ -83,10 +83,8 @@ def trial(name: Name, /, *, options: TrialOptions = TrialOptions()) -> int:
         design = replace(design, runs=plugin.digest if plugin else "")
     else:
         results = Results(baseline.store())
-        plans = [
-            trial_plan(campaign_of(teacher), results, teacher, places, design.seeds[:count], steps)
-            for count in design.looks
-        ]
+        looks = [design.seeds[:count] for count in design.looks]
+        plans = trial_plans(campaign_of(teacher), results, teacher, places, looks, steps)
         names = "\n".join(spec.run_id for spec in plans[-1].runs)
         design = replace(design, runs=hashlib.sha256(names.encode()).hexdigest())
     if before and before.differing(design):
