@@ -213,11 +213,8 @@ def measure(baseline: Baseline, trials: int, at: int | None = None) -> pd.DataFr
     """
     cells = released(baseline, at)
     rows = [row(cell.name, [cell], cells) for cell in cells]
-    rows += (
-        [row(cell.name, [cell]) for cell in parkour()]
-        if at is None and baseline.manifest.name == RELEASE
-        else []
-    )
+    if at is None and baseline.manifest.name == RELEASE:
+        rows += [row(cell.name, [cell]) for cell in parkour()]
     for size in range(1, len(cells) + 1):
         chosen = min(
             itertools.combinations(cells, size),

@@ -284,9 +284,10 @@ def _check_evaluated(steps: int, keys: Mapping[str, tuple[str, ...]], frames: Fr
         counts = of_cell.groupby("step")["run_id"].nunique()
         shared = [int(step) for step in counts.index[counts == counts.max()] if step > 0]
         if steps not in shared:
+            others = f"it has them every {shared[0]:,} up to {shared[-1]:,}" if shared else "it has none"
             raise ValueError(
                 f"{name} has no evaluations of {cell} after {steps:,} steps, where runs would be compared; "
-                f"it has them every {shared[0]:,} up to {shared[-1]:,}"
+                f"{others}"
             )
 
 
