@@ -2,8 +2,8 @@
 
     python benchmarks/long_runs.py
 
-Writes five tables to benchmarks/measured: the runs that are done, mastered tasks at each budget, decided
-pairs of teachers, agreement of the early budget with later ones, and predictions.
+Writes six tables to benchmarks/measured: the runs that are done, mastered tasks at each budget, decided
+pairs of teachers, agreement of the early budget with later ones, the orders so far, and predictions.
 """
 
 from __future__ import annotations
@@ -36,6 +36,8 @@ MEASURED = Path(__file__).parent / "measured"
 
 EXPERIMENT, STAGES = "long_1", ("parkour", "stump_tracks")
 """Stages that the release needs."""
+
+TEACHERS = find_experiment(EXPERIMENT).teachers
 
 EARLY, LAST = BUDGETS[0], BUDGETS[-1]
 
@@ -261,6 +263,29 @@ def agreement(runs: Runs, counts: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["spaces", "later budget", *heads])
 
 
+def orders(runs: Runs, counts: pd.DataFrame) -> pd.DataFrame:
+    """Return Kendall's tau and reversed pairs as in `agreement`, of the means so far, without a correlation.
+
+    Sets of spaces whose runs are all done have no rows, nor have those in which a teacher has no run.
+    """
+    rows = []
+    for name, spaces in SETS.items():
+        seeds = [of_space(runs[LAST], space).groupby("teacher").size() for space in spaces]
+        fewest = min(int(each.reindex(TEACHERS, fill_value=0).min()) for each in seeds)
+        if fewest == 0 or not lacking(counts, spaces):
+            continue
+        found = over_spaces(runs, spaces)
+        for budget in BUDGETS[1:]:
+            cells = [name, fewest, steps_text(budget)]
+            for later in (found[measure, budget] for measure in (FINAL, HEADLINE)):
+                cells += [number(later.tau, 2), f"{later.reversed_pairs} of {later.pairs}"]
+            rows.append(cells)
+    heads = [
+        f"{words}, {name}" for words in ("last three", "area") for name in ("tau", "pairs that change places")
+    ]
+    return pd.DataFrame(rows, columns=["spaces", "fewest seeds", "later budget", *heads])
+
+
 def decided(runs: Runs, counts: pd.DataFrame) -> pd.DataFrame:
     """Return the number of decided pairs of teachers at the last budget, by environment and measure.
 
@@ -325,6 +350,7 @@ def main() -> int:
         "mastered": mastered(runs),
         "decided": decided(runs, counts),
         "agreement": agreement(runs, counts),
+        "orders": orders(runs, counts),
         "predictions": predictions(runs, counts),
     }
     for name, table in tables.items():

@@ -60,6 +60,7 @@ MEASURED = (
     "long_runs_mastered",
     "long_runs_decided",
     "long_runs_agreement",
+    "long_runs_orders",
     "long_runs_predictions",
 )
 """Tables of `benchmarks/measured`; its other files contain evaluations."""

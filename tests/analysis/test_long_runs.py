@@ -69,6 +69,22 @@ def test_nothing_is_judged_before_all_of_its_runs_are_done() -> None:
     assert long_runs.agreement(results(), counts).empty
 
 
+def test_orders_so_far_are_those_of_sets_that_lack_runs_but_no_teacher() -> None:
+    runs, half = results(first=lambda space, teacher, budget: -5.0 * teacher), ALL.assign(done=15)
+    table = long_runs.orders(runs, half)
+    assert table["spaces"].tolist() == [name for name in long_runs.SETS for _ in range(3)]
+    assert set(table["last three, tau"]) == {"\N{MINUS SIGN}1.00"}
+    assert set(table["last three, pairs that change places"]) == {"45 of 45"}
+    assert set(table["area, tau"]) == {"1.00"}
+    assert set(table["fewest seeds"]) == {3}
+    assert long_runs.orders(runs, ALL).empty
+    fewer = {
+        budget: rows[(rows["embodiment"] != "fish") | (rows["teacher"] != "perm")]
+        for budget, rows in runs.items()
+    }
+    assert set(long_runs.orders(fewer, half)["spaces"]) == {"Stump Tracks, both challenges"}
+
+
 @pytest.mark.parametrize(
     ("sign", "expected"), [(1, Standing.REFUTED), (-1, Standing.SUPPORTED)], ids=["kept", "turned"]
 )
