@@ -116,7 +116,7 @@ class Leaderboard:
         if len(self.entries) < 2:
             return ""
         leaders = {axis: self.best(axis) for axis in AXES}
-        texts = {axis: self._named(chances) for axis, chances in leaders.items()}
+        texts = {axis: self._named(chances) for axis, chances in leaders.items() if chances}
         if not all(leaders.values()):
             first = "With a single seed in a cell no teacher can be called the best"
         elif leaders[HEADLINE].keys() == leaders[FINAL].keys():
@@ -148,10 +148,10 @@ class Leaderboard:
         }
 
     def _named(self, chances: Mapping[str, float]) -> str:
-        names = [self.names[teacher] for teacher in chances]
-        joined = " or ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
+        *others, last = (self.names[teacher] for teacher in chances)
+        names = f"{', '.join(others)} or {last}" if others else last
         chance = f"probability {number(min(sum(chances.values()), 0.99), 2)}"
-        return f"{joined} ({chance}{', not distinguishable' if len(chances) > 1 else ''})"
+        return f"{names} ({chance}{', not distinguishable' if len(chances) > 1 else ''})"
 
 
 def notes(board: Leaderboard) -> list[str]:

@@ -96,7 +96,7 @@ def play_a_little(engine: CompiledEngine, seed: int) -> None:
         engine.step(np.ones(4))
 
 
-@pytest.mark.parametrize("count", [200, pytest.param(100_000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [500, pytest.param(100_000, marks=pytest.mark.slow)])
 def test_resets_leak_nothing(count: int) -> None:
     """A world takes over 100 kB, its smallest piece 100 bytes; other processes make memory grow by 1 MB."""
     engine = CompiledEngine(BODY, RULES)

@@ -196,11 +196,10 @@ def _runs(
 def _differences(old: RunSpec, new: RunSpec, ignored: Collection[str] = ()) -> str:
     """Return the fields in which two specs differ besides their teachers, as text."""
     there, here = _without_teacher(old), _without_teacher(new)
-    differing = [name for name in sorted({*there, *here}) if there.get(name) != here.get(name)]
     return "; ".join(
         f"{name}: {there.get(name)!r:.60} there, {here.get(name)!r:.60} here"
-        for name in differing
-        if name not in ignored
+        for name in sorted({*there, *here}.difference(ignored))
+        if there.get(name) != here.get(name)
     )
 
 
