@@ -370,6 +370,7 @@ def test_tables_are_sorted_by_headings_also_from_the_keyboard(reader: Reader, sm
     assert differences.last.inner_text() == ""  # what has no number comes last, whatever the order
 
 
+@pytest.mark.slow
 def test_without_scripts_tables_still_say_everything(browser: Browser, small_report: Path) -> None:
     context = browser.new_context(java_script_enabled=False)
     page = context.new_page()
@@ -431,6 +432,7 @@ def test_comparisons_are_folded_and_drawn_when_opened(reader: Reader, report: Pa
     assert reader.complaints == []
 
 
+@pytest.mark.slow
 def test_a_browser_that_cannot_unpack_charts_has_the_tables(reader: Reader, small_report: Path) -> None:
     reader.page.add_init_script("delete window.DecompressionStream")
     reader.page.goto(small_report.as_uri())

@@ -109,6 +109,7 @@ def test_the_curriculum_is_shown_over_time(opened: Opener) -> None:
     expect(page.locator("#probe")).to_have_value("1")
 
 
+@pytest.mark.slow
 def test_drags_choose_a_task_and_push_the_nearest_body(opened: Opener) -> None:
     page = opened()
     box = page.locator("#plane").bounding_box()
@@ -130,6 +131,7 @@ def test_drags_choose_a_task_and_push_the_nearest_body(opened: Opener) -> None:
     assert say(page, speed) > still + 0.3
 
 
+@pytest.mark.slow
 def test_several_policies_run_in_one_world(opened: Opener) -> None:
     page = opened()
     page.locator(".policy", has_text="no torque").click()
@@ -142,6 +144,7 @@ def test_several_policies_run_in_one_world(opened: Opener) -> None:
     expect(page.locator(".policy em.good, .policy em.over, .policy em:not(:empty)")).to_have_count(3)
 
 
+@pytest.mark.slow
 def test_ground_is_drawn_by_hand(opened: Opener) -> None:
     page = opened()
     page.keyboard.press("d")
@@ -158,6 +161,7 @@ def test_ground_is_drawn_by_hand(opened: Opener) -> None:
     assert say(page, "p.heights") is None
 
 
+@pytest.mark.slow
 def test_body_size_and_environment_change(opened: Opener) -> None:
     page = opened()
     page.locator("#body").select_option("fish")
@@ -176,6 +180,7 @@ def test_body_size_and_environment_change(opened: Opener) -> None:
     assert say(page, "p.runners[0].over") == ""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["light", "dark"])
 def test_it_fits_a_phone_by_day_and_night(mode: Literal["light", "dark"], opened: Opener) -> None:
     page = opened(PHONE, mode)
