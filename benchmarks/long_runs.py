@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import argparse
 import itertools
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple, TypeAlias
 
@@ -34,10 +34,8 @@ from tma_ray.benchmark import find_experiment
 
 MEASURED = Path(__file__).parent / "measured"
 
-EXPERIMENT, STAGES = "long_1", ("parkour", "stump_tracks")
+EXPERIMENT, STAGES = find_experiment("long_1"), ("parkour", "stump_tracks")
 """Stages that the release needs."""
-
-TEACHERS = find_experiment(EXPERIMENT).teachers
 
 EARLY, LAST = BUDGETS[0], BUDGETS[-1]
 
@@ -196,12 +194,11 @@ PREDICTIONS = (
 
 def planned() -> pd.DataFrame:
     """Return run_id, environment, challenge and embodiment of the runs that the release needs."""
-    experiment = find_experiment(EXPERIMENT)
     return pd.DataFrame(
         [
             (run.run_id, run.environment, run.challenge, run.embodiment)
             for stage in STAGES
-            for run in plan(experiment, stage).runs
+            for run in plan(EXPERIMENT, stage).runs
         ],
         columns=["run_id", "environment", "challenge", "embodiment"],
     )
@@ -242,48 +239,51 @@ def predictions(runs: Runs, counts: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["prediction", "standing", "evidence"])
 
 
-def agreement(runs: Runs, counts: pd.DataFrame) -> pd.DataFrame:
-    """Return the agreement of `HEADLINE` at the early budget with both measures at later ones.
+ORDER: Mapping[str, Callable[[BudgetAgreement], str]] = {
+    "tau": lambda found: number(found.tau, 2),
+    "pairs that change places": lambda found: f"{found.reversed_pairs} of {found.pairs}",
+}
+"""Texts that compare the orders of two means, by name."""
 
-    Sets of spaces that lack runs have no rows.
+
+def at_later_budgets(
+    runs: Runs, sets: Iterable[str], texts: Mapping[str, Callable[[BudgetAgreement], str]]
+) -> pd.DataFrame:
+    """Return texts on the agreement of `HEADLINE` at the early budget with both measures at later ones.
+
+    Args:
+        runs: runs at each budget.
+        sets: names of sets of spaces, each with a row for every later budget.
+        texts: functions that describe an agreement, by name.
     """
     rows = []
-    for name, spaces in SETS.items():
-        if lacking(counts, spaces):
-            continue
-        found = over_spaces(runs, spaces)
+    for name in sets:
+        found = over_spaces(runs, SETS[name])
         for budget in BUDGETS[1:]:
-            cells = [name, steps_text(budget)]
-            for later in (found[measure, budget] for measure in (FINAL, HEADLINE)):
-                turned = f"{later.reversed_pairs} of {later.pairs}"
-                cells += [str(later), number(later.tau, 2), turned]
-            rows.append(cells)
-    measured = ("correlation", "tau", "pairs that change places")
-    heads = [f"{words}, {name}" for words in ("last three", "area") for name in measured]
+            later = [found[measure, budget] for measure in (FINAL, HEADLINE)]
+            rows.append(
+                [name, steps_text(budget), *(text(each) for each in later for text in texts.values())]
+            )
+    heads = [f"{words}, {name}" for words in ("last three", "area") for name in texts]
     return pd.DataFrame(rows, columns=["spaces", "later budget", *heads])
 
 
-def orders(runs: Runs, counts: pd.DataFrame) -> pd.DataFrame:
-    """Return Kendall's tau and reversed pairs as in `agreement`, of the means so far, without a correlation.
+def agreement(runs: Runs, counts: pd.DataFrame) -> pd.DataFrame:
+    """Return the correlations and orders of sets of spaces whose runs are all done."""
+    complete = [name for name, spaces in SETS.items() if not lacking(counts, spaces)]
+    return at_later_budgets(runs, complete, {"correlation": str, **ORDER})
 
-    Sets of spaces whose runs are all done have no rows, nor have those in which a teacher has no run.
-    """
-    rows = []
+
+def orders(runs: Runs, counts: pd.DataFrame) -> pd.DataFrame:
+    """Return the orders of the means so far, for sets that lack runs but have one of each teacher."""
+    fewest = {}
     for name, spaces in SETS.items():
         seeds = [of_space(runs[LAST], space).groupby("teacher").size() for space in spaces]
-        fewest = min(int(each.reindex(TEACHERS, fill_value=0).min()) for each in seeds)
-        if fewest == 0 or not lacking(counts, spaces):
-            continue
-        found = over_spaces(runs, spaces)
-        for budget in BUDGETS[1:]:
-            cells = [name, fewest, steps_text(budget)]
-            for later in (found[measure, budget] for measure in (FINAL, HEADLINE)):
-                cells += [number(later.tau, 2), f"{later.reversed_pairs} of {later.pairs}"]
-            rows.append(cells)
-    heads = [
-        f"{words}, {name}" for words in ("last three", "area") for name in ("tau", "pairs that change places")
-    ]
-    return pd.DataFrame(rows, columns=["spaces", "fewest seeds", "later budget", *heads])
+        fewest[name] = min(int(each.reindex(EXPERIMENT.teachers, fill_value=0).min()) for each in seeds)
+    begun = [name for name, spaces in SETS.items() if fewest[name] and lacking(counts, spaces)]
+    table = at_later_budgets(runs, begun, ORDER)
+    table.insert(1, "fewest seeds", table["spaces"].map(fewest))
+    return table
 
 
 def decided(runs: Runs, counts: pd.DataFrame) -> pd.DataFrame:
@@ -338,7 +338,9 @@ def core_hours(frames: Frames) -> pd.Series:
 def main() -> int:
     """Write and print the tables."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
-    parser.add_argument("--results", default=str(MEASURED / EXPERIMENT), help="root with the finished runs")
+    parser.add_argument(
+        "--results", default=str(MEASURED / EXPERIMENT.name), help="root with the finished runs"
+    )
     parser.add_argument("--output", type=Path, default=MEASURED, help="folder of the tables")
     options = parser.parse_args()
     frames = analysis.load(options.results)
