@@ -91,8 +91,8 @@ SIZES: dict[Tier, Size] = {
         points=12,
         steps={"stump_tracks": 2_000_000, "parkour": 6_000_000},
         excluded_bodies={
-            "climbing_chimpanzee": "Climbers are left out of this tier: in Parkour they master few tasks, "
-            "even at the paper's budget."
+            "climbing_chimpanzee": "Climbers are left out of this tier: in Parkour they master few tasks "
+            "within its budget."
         },
         evaluation_interval=250_000,
         probe_interval=100_000,
